@@ -1,0 +1,35 @@
+"""The errors a user can meet: one root, one line each, saying what was found and what is valid."""
+
+from __future__ import annotations
+
+
+class BoxgraspError(Exception):
+    """Root of every error that boxgrasp raises on purpose."""
+
+
+class CaptureError(BoxgraspError):
+    """A capture cannot be read, or what it holds is not a depth view."""
+
+
+class SceneError(BoxgraspError):
+    """No support plane, or nothing stands on it."""
+
+
+class TargetError(BoxgraspError):
+    """The target cannot be found where the caller pointed."""
+
+
+class MapError(BoxgraspError):
+    """An occupancy map cannot be read or does not fit the request."""
+
+
+class GripperError(BoxgraspError):
+    """A gripper file is wrong, or the gripper cannot hold anything."""
+
+
+class ConfigError(BoxgraspError):
+    """A configuration has an unknown key, or a value out of range."""
+
+
+class MissingExtraError(BoxgraspError):
+    """An optional part is not installed."""

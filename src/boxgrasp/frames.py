@@ -1,0 +1,102 @@
+"""Rigid transforms. `T_a_b` maps b-coordinates into a; metres, radians (docs/conventions.md)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from boxgrasp.errors import BoxgraspError
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+_ROTATION_TOLERANCE = 1e-3
+
+
+def readonly(array: Array) -> Array:
+    """The same array, closed to writing, so that a frozen value stays what it is."""
+    array.setflags(write=False)
+    return array
+
+
+def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Floats:
+    """(4, 4) float64 from a (3, 3) rotation and a (3,) translation in metres."""
+    T = np.eye(4)
+    T[:3, :3] = rotation
+    T[:3, 3] = translation
+    return T
+
+
+def rotation_z(yaw_rad: float) -> Floats:
+    """(3, 3) turn about z, counter-clockwise seen from above; exact at quarter turns."""
+    quarters = yaw_rad / (np.pi / 2)
+    if quarters == round(quarters):
+        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarters) % 4]
+    else:
+        c, s = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def invert(T_a_b: Floats) -> Floats:
+    """T_b_a, for a rigid T_a_b."""
+    rotation = T_a_b[:3, :3].T
+    return make_transform(rotation, -rotation @ T_a_b[:3, 3])
+
+
+def transform(T_a_b: Floats, points: Array) -> Array:
+    """(N, 3) points of frame b, in frame a, in the points' own dtype."""
+    moved = points @ T_a_b[:3, :3].T.astype(points.dtype) + T_a_b[:3, 3].astype(points.dtype)
+    return moved.astype(points.dtype, copy=False)
+
+
+def check_transform(T: ArrayLike, name: str) -> Floats:
+    """A read-only copy of a rigid (4, 4) transform.
+
+    Raises:
+        BoxgraspError: wrong shape, NaN, mirrored, scaled or otherwise not a rigid transform.
+    """
+    try:
+        matrix = np.array(T, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BoxgraspError(f"{name} is not numeric; valid: a (4, 4) rigid transform") from None
+    if matrix.shape != (4, 4):
+        raise BoxgraspError(f"{name} has shape {matrix.shape}; valid: (4, 4)")
+    if not np.isfinite(matrix).all():
+        raise BoxgraspError(f"{name} holds NaN or infinity; valid: finite numbers")
+    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
+        raise BoxgraspError(f"{name} has last row {matrix[3].tolist()}; valid: [0, 0, 0, 1]")
+    rotation = matrix[:3, :3]
+    if np.linalg.det(rotation) < 0:
+        raise BoxgraspError(f"{name} is mirrored (determinant below 0); valid: a rotation")
+    if not np.allclose(rotation.T @ rotation, np.eye(3), atol=_ROTATION_TOLERANCE):
+        scale = float(np.cbrt(np.linalg.det(rotation)))
+        raise BoxgraspError(f"{name} is not a rotation (scale {scale:.4g}); valid: orthonormal")
+    readonly(matrix)
+    return matrix
+
+
+def quaternion_xyzw(rotation: Floats) -> Floats:
+    """(4,) unit quaternion x, y, z, w of a (3, 3) rotation, with w >= 0 (Shepperd 1978)."""
+    m = rotation
+    squares = np.array(
+        [
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    k = int(np.argmax(squares))
+    q = np.array(
+        [
+            (squares[0], m[1, 0] + m[0, 1], m[2, 0] + m[0, 2], m[2, 1] - m[1, 2]),
+            (m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]),
+            (m[2, 0] + m[0, 2], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]),
+            (m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]),
+        ][k]
+    )
+    q = q / np.linalg.norm(q)
+    return np.asarray(-q if q[3] < 0 else q)

@@ -1,0 +1,1 @@
+"""Compiled loops. Each stands beside the naive version that tests it."""

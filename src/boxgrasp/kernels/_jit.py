@@ -1,0 +1,46 @@
+"""One way to compile: cached, without the GIL, and told apart from a cold start."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import numba
+from numba.core import event
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_log = logging.getLogger("boxgrasp.kernels")
+
+
+class _CompileNotice(event.Listener):
+    """Says once a process that kernels are being compiled; a cached kernel raises no event."""
+
+    def __init__(self) -> None:
+        self.said = False
+
+    def on_start(self, _event: Any) -> None:
+        if not self.said:
+            self.said = True
+            _log.warning("compiling kernels, once after installing; this takes some seconds")
+
+    def on_end(self, _event: Any) -> None:
+        return
+
+
+event.register("numba:compile", _CompileNotice())
+_cache_warned = False
+
+
+def jit(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile on first call with a cache on disk; where none can be written, warn once."""
+    global _cache_warned
+    try:
+        compiled: Callable[P, R] = numba.njit(nogil=True, cache=True)(function)
+    except RuntimeError as error:  # numba: no locator available
+        if not _cache_warned:
+            _cache_warned = True
+            _log.warning("kernels cannot be cached and compile in every process: %s", error)
+        compiled = numba.njit(nogil=True)(function)
+    return compiled

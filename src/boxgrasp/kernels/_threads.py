@@ -1,0 +1,31 @@
+"""Own thread pool: numba's parallel loops abort when two Python threads enter them at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+_WORKERS = max(1, min(4, os.cpu_count() or 1))
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_WORKERS, thread_name_prefix="boxgrasp")
+
+
+def run_chunks(work: Callable[[int, int], object], count: int, smallest: int = 20_000) -> None:
+    """Call `work(start, stop)` over [0, count) in contiguous chunks, on all cores.
+
+    Chunks must write apart, or write the same value, so that their number changes no result.
+    """
+    chunks = max(1, min(_WORKERS, count // smallest))
+    if chunks == 1:
+        work(0, count)
+        return
+    edges = [count * i // chunks for i in range(chunks + 1)]
+    futures = [_pool().submit(work, a, b) for a, b in zip(edges[1:-1], edges[2:], strict=True)]
+    work(edges[0], edges[1])
+    for future in futures:
+        future.result()
