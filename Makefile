@@ -1,0 +1,64 @@
+# Every target sets itself up: only python3 (3.11 to 3.13), pip, make and git are needed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help setup test check lint types imports unit docs format demo bench clean
+
+help:
+	@echo "make test    lint, format, types, imports, tests, docs build"
+	@echo "make demo    the main job on a cast scene; writes out/demo.png"
+	@echo "make bench   the benchmarks"
+	@echo "make format  rewrite the source in the one format"
+	@echo "make clean   remove the environment and all that was built"
+
+# Debian splits ensurepip into python3-venv, so the environment is made without pip and filled by
+# the pip that is there.
+$(STAMP): pyproject.toml
+	@$(PYTHON) tools/check_python.py
+	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip $(VENV)
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 \
+		|| $(PYTHON) -m pip --quiet --python $(BIN)/python install pip
+	@echo "installing the development environment into $(VENV)"
+	@$(BIN)/python -m pip --quiet --disable-pip-version-check install --editable ".[dev]"
+	@touch $@
+
+setup: $(STAMP)
+
+test: lint types imports unit docs
+	@echo "make test: all passed"
+
+check: test
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+imports: $(STAMP)
+	$(BIN)/lint-imports
+
+unit: $(STAMP)
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=10
+
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+demo: $(STAMP)
+	@mkdir -p out
+	@$(BIN)/boxgrasp demo --picture out/demo.png
+
+bench: $(STAMP)
+	$(BIN)/python -m pip --quiet --disable-pip-version-check install --requirement benchmarks/requirements.txt
+	$(BIN)/python benchmarks/run.py
+
+clean:
+	rm -rf $(VENV) build dist out docs/_build .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
