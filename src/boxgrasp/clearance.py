@@ -1,0 +1,121 @@
+"""The only distances of the package: gripper boxes to points, columns, cells and the plane.
+
+Every gripper box of an option is upright: its faces are vertical or level in the base frame,
+since the box stands on the support plane and options turn by quarters. So a distance splits
+into one in plan (a turned rectangle) and one in height, and stays exact.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.frames import Floats
+from boxgrasp.kernels.uprights import columns_to_uprights, cells_to_uprights
+
+CAP_M = 0.50
+RED_BELOW_M = 0.02
+GREEN_FROM_M = 0.06
+
+
+def uprights(T_base_gripper: Floats, half_m: Floats, swept_back_m: float = 0.0) -> Floats:
+    """(M, 8) upright boxes: centre x, y, cosine, sine, half along, half across, z low, z high.
+
+    `swept_back_m` stretches each box backwards along its approach: the space it passes.
+    """
+    boxes = np.empty((len(T_base_gripper), 8))
+    for k, T in enumerate(T_base_gripper):
+        half = np.array(half_m, dtype=np.float64)
+        centre = T[:3, 3] - T[:3, 0] * (swept_back_m / 2)
+        half[0] += swept_back_m / 2
+        level = int(np.argmax(np.abs(T[2, :3])))  # the gripper axis that stands upright
+        along = T[:3, 1] if level == 0 else T[:3, 0]
+        across = 3 - level - (1 if level == 0 else 0)
+        boxes[k] = (
+            centre[0],
+            centre[1],
+            along[0],
+            along[1],
+            half[1 if level == 0 else 0],
+            half[across],
+            centre[2] - half[level],
+            centre[2] + half[level],
+        )
+    return boxes
+
+
+def to_columns(boxes: Floats, columns: NDArray[np.float32]) -> tuple[Floats, NDArray[np.int64]]:
+    """Distance of each upright box to the nearest column, and which column that is.
+
+    columns: (N, 4) float32 base frame x, y, z low, z high; a point is a column of no height.
+    Returns (M,) metres capped at 0.50, 0 inside, and (M,) index (-1 where none is near).
+    """
+    return columns_to_uprights(boxes, columns, CAP_M)
+
+
+def to_points(boxes: Floats, points: NDArray[np.float32]) -> tuple[Floats, NDArray[np.int64]]:
+    """Distance of each upright box to the nearest of (N, 3) points, and its index."""
+    return to_columns(boxes, np.ascontiguousarray(points[:, (0, 1, 2, 2)]))
+
+
+def to_cells(boxes: Floats, centres: Floats, sizes_m: Floats, yaw_rad: float) -> Floats:
+    """Distance of each upright box to the nearest cube cell; (M,) metres capped, 0 inside.
+
+    centres: (K, 3) base frame; sizes_m: (K,) edges; yaw_rad: the cells' turn about base z.
+    """
+    return cells_to_uprights(
+        boxes,
+        np.ascontiguousarray(centres, dtype=np.float64),
+        np.ascontiguousarray(sizes_m, dtype=np.float64),
+        float(np.cos(yaw_rad)),
+        float(np.sin(yaw_rad)),
+        CAP_M,
+    )
+
+
+def to_plane(boxes: Floats, normal: Floats, offset_m: float) -> Floats:
+    """Signed height of each upright box's lowest corner over the plane n.p + offset = 0."""
+    lowest = np.where(normal[2] >= 0, boxes[:, 6], boxes[:, 7])
+    along = boxes[:, 2:4] @ normal[:2]
+    across = boxes[:, 2] * normal[1] - boxes[:, 3] * normal[0]
+    reach = np.abs(along) * boxes[:, 4] + np.abs(across) * boxes[:, 5]
+    heights = boxes[:, :2] @ normal[:2] + lowest * normal[2] + offset_m - reach
+    return np.asarray(np.clip(heights, -CAP_M, CAP_M))
+
+
+def category(clearance_m: float) -> str:
+    """`red` under 2 cm, `yellow` under 6 cm, else `green` (section 3-4)."""
+    if clearance_m < RED_BELOW_M:
+        return "red"
+    return "yellow" if clearance_m < GREEN_FROM_M else "green"
+
+
+def score(clearance_m: float, best_m: float, red_m: float = RED_BELOW_M) -> float:
+    """Score of a grasp, 0 to 1, by its clearance and the scene's largest (section 3-4).
+
+    With u = min(6 cm, best): 0 under 2 cm, ((d - 2) / (u - 2))^2 up to u, 1 from u on; 0 where
+    no option is feasible.
+    """
+    u = min(GREEN_FROM_M, best_m)
+    if clearance_m < red_m or best_m < red_m:
+        return 0.0
+    if clearance_m >= u:
+        return 1.0
+    return float(((clearance_m - red_m) / (u - red_m)) ** 2)
+
+
+def thesis_score(clearances_m: Any, chosen: int) -> float:
+    """Score of option `chosen` against the largest clearance of all options (section 3-4)."""
+    values = np.asarray(clearances_m, dtype=np.float64)
+    return score(float(values[chosen]), float(values.max()))
+
+
+def strict_score(clearances_m: Any, valid: Any, chosen: int) -> float:
+    """The same against the options that are `valid` (fit, off the plane, free approach)."""
+    values = np.asarray(clearances_m, dtype=np.float64)
+    allowed = np.asarray(valid, dtype=bool)
+    if not allowed[chosen]:
+        return 0.0
+    return score(float(values[chosen]), float(values[allowed].max()))

@@ -1,0 +1,72 @@
+"""A two-finger hand as the check sees it: a box, an opening, a tool point (DESIGN: gripper frame)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from boxgrasp.errors import BoxgraspError, GripperError
+from boxgrasp.frames import Floats, check_transform, readonly
+
+Length = Annotated[float, Meta(gt=0.0, le=1.0)]
+Row = tuple[float, float, float, float]
+
+TCP_AT_FINGERTIPS: tuple[Row, Row, Row, Row] = (
+    (1.0, 0.0, 0.0, 0.11),
+    (0.0, 1.0, 0.0, 0.0),
+    (0.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 0.0, 1.0),
+)
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Gripper box and opening, metres; frame at the box centre, x approach, y finger opening.
+
+    The defaults are the thesis's: 12 cm opening, 17 cm width, 22 cm for gripper and attached
+    link (sections 3-1, 3-2). Thickness and the box centred on the pose are ours.
+
+    Raises:
+        GripperError: the gripper cannot hold anything, or its sizes contradict each other.
+    """
+
+    length_m: Length = 0.22
+    width_m: Length = 0.17
+    thickness_m: Length = 0.07
+    opening_m: Length = 0.12
+    reach_past_face_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.01
+    T_gripper_tcp: tuple[Row, Row, Row, Row] = TCP_AT_FINGERTIPS
+
+    def __post_init__(self) -> None:
+        for name in ("length_m", "width_m", "thickness_m", "opening_m"):
+            value = getattr(self, name)
+            if not 0.0 < value <= 1.0:
+                raise GripperError(f"gripper {name} is {value}; valid: above 0, at most 1 m")
+        if self.opening_m > self.width_m:
+            raise GripperError(
+                f"gripper opening_m {self.opening_m} exceeds width_m {self.width_m}; "
+                "valid: the box holds the open fingers"
+            )
+        if not 0.0 < self.reach_past_face_m < self.length_m:
+            raise GripperError(
+                f"gripper reach_past_face_m is {self.reach_past_face_m}, so it cannot hold "
+                f"anything; valid: above 0, below length_m {self.length_m}"
+            )
+        try:
+            check_transform(self.T_gripper_tcp, "T_gripper_tcp")
+        except BoxgraspError as error:
+            raise GripperError(str(error)) from None
+
+    @property
+    def standoff_m(self) -> float:
+        """From the face to the gripper's centre (0.10 m for the thesis's gripper)."""
+        return self.length_m / 2 - self.reach_past_face_m
+
+    @cached_property
+    def half_m(self) -> Floats:
+        """(3,) half sizes along the gripper's x, y, z."""
+        return readonly(np.array([self.length_m, self.width_m, self.thickness_m]) / 2)

@@ -1,0 +1,191 @@
+"""Points in cells: voxel centroids, Euclidean clusters by the exact rule, neighbour distances."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.frames import Points
+from boxgrasp.kernels._jit import jit
+
+_BIAS = 1 << 20
+_MASK = (1 << 21) - 1
+
+
+@jit
+def _slot(table: NDArray[np.int64], key: int) -> int:
+    """Where a key stands in an open-addressing table of packed cells, or the empty place for it."""
+    size = table.shape[0] - 1
+    h = (key * -7046029254386353131) >> 20
+    h = h & size
+    while table[h] != -1 and table[h] != key:
+        h = (h + 1) & size
+    return h
+
+
+@jit
+def group_by_cell(
+    points: Points, cell_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Cell number of each point (in order of first meeting), keys, table and its values."""
+    count = points.shape[0]
+    size = 1024
+    while size < 2 * count:
+        size *= 2
+    table = np.full(size, -1, dtype=np.int64)
+    value = np.empty(size, dtype=np.int64)
+    keys = np.empty(count, dtype=np.int64)
+    member = np.empty(count, dtype=np.int64)
+    cells = 0
+    for i in range(count):
+        kx = int(np.floor(points[i, 0] / cell_m)) + _BIAS
+        ky = int(np.floor(points[i, 1] / cell_m)) + _BIAS
+        kz = int(np.floor(points[i, 2] / cell_m)) + _BIAS
+        key = (kx << 42) | (ky << 21) | kz
+        at = _slot(table, key)
+        if table[at] == -1:
+            table[at] = key
+            value[at] = cells
+            keys[cells] = key
+            cells += 1
+        member[i] = value[at]
+    return member, keys[:cells], table, value
+
+
+@jit
+def voxel_centroids(points: Points, voxel_m: float) -> tuple[Points, NDArray[np.int64]]:
+    """(K, 3) centroids of the points in each voxel, and (N,) which voxel a point is in."""
+    member, keys, _table, _value = group_by_cell(points, voxel_m)
+    sums = np.zeros((keys.shape[0], 4))
+    for i in range(points.shape[0]):
+        k = member[i]
+        sums[k, 0] += points[i, 0]
+        sums[k, 1] += points[i, 1]
+        sums[k, 2] += points[i, 2]
+        sums[k, 3] += 1.0
+    centroids = np.empty((keys.shape[0], 3), dtype=np.float32)
+    for k in range(keys.shape[0]):
+        for a in range(3):
+            centroids[k, a] = sums[k, a] / sums[k, 3]
+    return centroids, member
+
+
+@jit
+def _bucket(
+    member: NDArray[np.int64], cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Point indices cell by cell, and where each cell starts (counting sort)."""
+    start = np.zeros(cells + 1, dtype=np.int64)
+    for i in range(member.shape[0]):
+        start[member[i] + 1] += 1
+    for k in range(cells):
+        start[k + 1] += start[k]
+    order = np.empty(member.shape[0], dtype=np.int64)
+    fill = start[:-1].copy()
+    for i in range(member.shape[0]):
+        order[fill[member[i]]] = i
+        fill[member[i]] += 1
+    return order, start
+
+
+@jit
+def _root(parent: NDArray[np.int64], k: int) -> int:
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@jit
+def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
+    """(N,) cluster of each point: points nearer than the radius share one, exactly.
+
+    Cells of radius / sqrt(3) lie within one cluster each; neighbouring cells join when one pair
+    of their points does. Clusters are numbered in the order in which their first point comes.
+    """
+    member, keys, table, value = group_by_cell(points, radius_m / np.sqrt(3.0))
+    cells = keys.shape[0]
+    order, start = _bucket(member, cells)
+    parent = np.arange(cells)
+    limit = radius_m * radius_m
+    for a in range(cells):
+        key = keys[a]
+        kx, ky, kz = key >> 42, (key >> 21) & _MASK, key & _MASK
+        for dx in range(0, 3):
+            for dy in range(-2, 3):
+                for dz in range(-2, 3):
+                    if dx == 0 and (dy < 0 or (dy == 0 and dz <= 0)):
+                        continue
+                    other = ((kx + dx) << 42) | ((ky + dy) << 21) | (kz + dz)
+                    at = _slot(table, other)
+                    if table[at] == -1:
+                        continue
+                    b = value[at]
+                    ra, rb = _root(parent, a), _root(parent, b)
+                    if ra == rb:
+                        continue
+                    joined = False
+                    for p in range(start[a], start[a + 1]):
+                        i = order[p]
+                        for q in range(start[b], start[b + 1]):
+                            j = order[q]
+                            x = points[i, 0] - points[j, 0]
+                            y = points[i, 1] - points[j, 1]
+                            z = points[i, 2] - points[j, 2]
+                            if x * x + y * y + z * z < limit:
+                                joined = True
+                                break
+                        if joined:
+                            break
+                    if joined:
+                        parent[max(ra, rb)] = min(ra, rb)
+    names = np.full(cells, -1, dtype=np.int64)
+    labels = np.empty(points.shape[0], dtype=np.int64)
+    clusters = 0
+    for i in range(points.shape[0]):
+        r = _root(parent, member[i])
+        if names[r] == -1:
+            names[r] = clusters
+            clusters += 1
+        labels[i] = names[r]
+    return labels
+
+
+@jit
+def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> Points:
+    """(N,) mean distance to the nearest neighbours; those beyond reach count as reach."""
+    member, keys, table, value = group_by_cell(points, reach_m)
+    order, start = _bucket(member, keys.shape[0])
+    means = np.empty(points.shape[0], dtype=np.float32)
+    nearest = np.empty(neighbours)
+    for i in range(points.shape[0]):
+        key = keys[member[i]]
+        kx, ky, kz = key >> 42, (key >> 21) & _MASK, key & _MASK
+        nearest[:] = reach_m * reach_m
+        for dx in range(-1, 2):
+            for dy in range(-1, 2):
+                for dz in range(-1, 2):
+                    other = ((kx + dx) << 42) | ((ky + dy) << 21) | (kz + dz)
+                    at = _slot(table, other)
+                    if table[at] == -1:
+                        continue
+                    b = value[at]
+                    for p in range(start[b], start[b + 1]):
+                        j = order[p]
+                        if j == i:
+                            continue
+                        x = points[i, 0] - points[j, 0]
+                        y = points[i, 1] - points[j, 1]
+                        z = points[i, 2] - points[j, 2]
+                        d = x * x + y * y + z * z
+                        if d < nearest[neighbours - 1]:
+                            k = neighbours - 1
+                            while k > 0 and nearest[k - 1] > d:
+                                nearest[k] = nearest[k - 1]
+                                k -= 1
+                            nearest[k] = d
+        total = 0.0
+        for k in range(neighbours):
+            total += np.sqrt(nearest[k])
+        means[i] = total / neighbours
+    return means

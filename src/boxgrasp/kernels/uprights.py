@@ -1,0 +1,118 @@
+"""Distances of upright boxes (a turned rectangle in plan, an interval in height), exact."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.frames import Floats
+from boxgrasp.kernels._jit import jit
+
+
+@jit
+def columns_to_uprights(
+    boxes: Floats, columns: NDArray[np.float32], cap_m: float
+) -> tuple[Floats, NDArray[np.int64]]:
+    """(M,) distances to the nearest of (N, 4) columns and its index, -1 beyond the cap."""
+    count = boxes.shape[0]
+    best = np.full(count, cap_m * cap_m)
+    nearest = np.full(count, -1, dtype=np.int64)
+    for m in range(count):
+        cx, cy, c, s = boxes[m, 0], boxes[m, 1], boxes[m, 2], boxes[m, 3]
+        along, across, low, high = boxes[m, 4], boxes[m, 5], boxes[m, 6], boxes[m, 7]
+        least = best[m]
+        for i in range(columns.shape[0]):
+            x = columns[i, 0] - cx
+            y = columns[i, 1] - cy
+            u = max(abs(x * c + y * s) - along, 0.0)
+            v = max(abs(y * c - x * s) - across, 0.0)
+            w = max(columns[i, 2] - high, low - columns[i, 3], 0.0)
+            d = u * u + v * v + w * w
+            if d < least:
+                least = d
+                nearest[m] = i
+        best[m] = least
+    return np.sqrt(best), nearest
+
+
+@jit
+def _corner_gap(
+    x: float, y: float, c: float, s: float, along: float, across: float, other: Floats
+) -> float:
+    """Least squared distance of four corners to a rectangle at the origin; -1 if one is inside.
+
+    `other` (4, 2): corners in the rectangle's own axes are found here; x, y shift them.
+    """
+    least = np.inf
+    for k in range(4):
+        px = other[k, 0] - x
+        py = other[k, 1] - y
+        u = max(abs(px * c + py * s) - along, 0.0)
+        v = max(abs(py * c - px * s) - across, 0.0)
+        least = min(least, u * u + v * v)
+    return least
+
+
+@jit
+def _apart(
+    dx: float,
+    dy: float,
+    c: float,
+    s: float,
+    along: float,
+    across: float,
+    c2: float,
+    s2: float,
+    along2: float,
+    across2: float,
+) -> bool:
+    """Whether an axis of the first rectangle separates the two (separating axis theorem)."""
+    cosine = abs(c * c2 + s * s2)
+    sine = abs(c * s2 - s * c2)
+    if abs(dx * c + dy * s) > along + along2 * cosine + across2 * sine:
+        return True
+    return abs(dy * c - dx * s) > across + along2 * sine + across2 * cosine
+
+
+@jit
+def cells_to_uprights(
+    boxes: Floats, centres: Floats, sizes: Floats, c2: float, s2: float, cap_m: float
+) -> Floats:
+    """(M,) distances to the nearest of (K,) cube cells turned by (c2, s2) about z."""
+    count = boxes.shape[0]
+    best = np.full(count, cap_m)
+    first = np.empty((4, 2))
+    second = np.empty((4, 2))
+    for m in range(count):
+        cx, cy, c, s = boxes[m, 0], boxes[m, 1], boxes[m, 2], boxes[m, 3]
+        along, across, low, high = boxes[m, 4], boxes[m, 5], boxes[m, 6], boxes[m, 7]
+        for k in range(4):
+            a = along if k < 2 else -along
+            b = across if k % 2 == 0 else -across
+            first[k, 0] = cx + a * c - b * s
+            first[k, 1] = cy + a * s + b * c
+        for i in range(centres.shape[0]):
+            half = sizes[i] / 2
+            w = max(centres[i, 2] - half - high, low - centres[i, 2] - half, 0.0)
+            if w >= best[m]:
+                continue
+            x, y = centres[i, 0], centres[i, 1]
+            dx, dy = x - cx, y - cy
+            reach = along + across + 2 * half + best[m]
+            if abs(dx) > reach or abs(dy) > reach:
+                continue
+            gap = 0.0
+            if _apart(dx, dy, c, s, along, across, c2, s2, half, half) or _apart(
+                dx, dy, c2, s2, half, half, c, s, along, across
+            ):
+                for k in range(4):
+                    a = half if k < 2 else -half
+                    b = half if k % 2 == 0 else -half
+                    second[k, 0] = x + a * c2 - b * s2
+                    second[k, 1] = y + a * s2 + b * c2
+                gap = min(
+                    _corner_gap(cx, cy, c, s, along, across, second),
+                    _corner_gap(x, y, c2, s2, half, half, first),
+                )
+            best[m] = min(best[m], np.sqrt(gap + w * w))
+    return best
