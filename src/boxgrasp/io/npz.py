@@ -1,0 +1,68 @@
+"""Captures as numpy archives; nothing in them can run, since pickles are refused."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.capture import Capture
+from boxgrasp.errors import CaptureError
+
+KEYS: Final = (
+    "depth",
+    "intrinsics",
+    "T_base_camera",
+    "rgb",
+    "target_pixel",
+    "mask",
+    "robot_mask",
+)
+_REQUIRED: Final = KEYS[:2]
+_MAX_BYTES: Final = 1 << 30  # unpacked, an array; a depth image of 16k x 16k
+
+
+def load_npz(path: Path) -> Capture:
+    """A capture of the arrays named in `KEYS`; other arrays are passed over.
+
+    Raises:
+        CaptureError: no numpy archive, truncated, pickled objects, or no usable view.
+    """
+    arrays: dict[str, Any] = {}
+    with zipfile.ZipFile(path) as archive:
+        names = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        for key in _REQUIRED:
+            if key not in names:
+                found = ", ".join(sorted(names)[:8]) or "nothing"
+                raise CaptureError(f"archive holds {found}; valid: {', '.join(_REQUIRED)}")
+        for key in KEYS:
+            if key in names:
+                arrays[key] = _read_array(archive, names[key], key)
+    return Capture(**arrays)
+
+
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> NDArray[Any]:
+    """One .npy member; its header is believed only as far as the member's own size."""
+    if info.file_size > _MAX_BYTES:
+        raise CaptureError(f"{key} has {info.file_size} bytes; valid: at most {_MAX_BYTES}")
+    with archive.open(info) as stream:
+        version = np.lib.format.read_magic(stream)
+        if version not in ((1, 0), (2, 0)):
+            raise CaptureError(f"{key} is .npy version {version}; valid: 1.0, 2.0")
+        read_header = np.lib.format.read_array_header_1_0
+        if version == (2, 0):
+            read_header = np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read_header(stream)
+        if dtype.hasobject:
+            raise CaptureError(f"{key} holds pickled objects; valid: numbers")
+        data = stream.read(info.file_size)
+    count = 1
+    for size in shape:
+        count *= int(size)
+    if count * dtype.itemsize != len(data):
+        raise CaptureError(f"{key} has {len(data)} bytes for shape {shape} of {dtype}; truncated?")
+    array = np.frombuffer(data, dtype)
+    return array.reshape(shape, order="F" if fortran else "C")

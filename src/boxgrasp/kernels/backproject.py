@@ -1,0 +1,57 @@
+"""Depth image to points, in one pass over the pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.kernels._jit import jit
+
+
+@jit
+def backproject(
+    depth: NDArray[np.float32],
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    dropped: NDArray[np.bool_],
+    points: NDArray[np.float32],
+    pixels: NDArray[np.int32],
+) -> int:
+    """Fill points (>= N, 3) optical frame, m, and flat pixel numbers (>= N,); returns N.
+
+    A pixel counts where depth (H, W) m is above 0 and `dropped` is not set; `dropped` is
+    (H, W), or (0, 0) to keep all. Order is row-major.
+    """
+    height, width = depth.shape
+    keep_all = dropped.shape[0] == 0
+    n = 0
+    for v in range(height):
+        y = (v - cy) / fy
+        for u in range(width):
+            z = depth[v, u]
+            if z > 0 and (keep_all or not dropped[v, u]):
+                points[n, 0] = (u - cx) / fx * z
+                points[n, 1] = y * z
+                points[n, 2] = z
+                pixels[n] = v * width + u
+                n += 1
+    return n
+
+
+def backproject_naive(
+    depth: NDArray[np.float32], intrinsics: NDArray[np.float64], dropped: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """The same points and pixels, a pixel at a time, by solving K ray = (u, v, 1)."""
+    points: list[Any] = []
+    pixels: list[int] = []
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            if depth[v, u] > 0 and not (dropped is not None and dropped[v, u]):
+                ray = np.linalg.solve(intrinsics, (u, v, 1.0))
+                points.append(ray * float(depth[v, u]))
+                pixels.append(v * depth.shape[1] + u)
+    return np.array(points, np.float32).reshape(-1, 3), np.array(pixels, np.int32)
