@@ -1,0 +1,61 @@
+"""One configuration: the rooms' own settings composed, read strictly, printed back, hashed.
+
+The rooms never import this module. Names, defaults and ranges stand in the rooms alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os import fspath
+from typing import Any
+
+from boxgrasp.errors import ConfigError, GripperError
+from boxgrasp.gripper import Gripper
+from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that can be set, room by room; see `boxgrasp config`."""
+
+    gripper: Gripper = field(default_factory=Gripper)
+
+
+def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Config:
+    """The configuration of a YAML file, a mapping or a Config; what is not said is the default.
+
+    Raises:
+        ConfigError: unreadable or faulty YAML, an unknown key at any depth, a wrong type, a
+            value out of its range.
+    """
+    if source is None:
+        return Config()
+    if isinstance(source, Config):
+        return build(Config, plain(source), "configuration", ConfigError)
+    if isinstance(source, Mapping):
+        return build(Config, source, "configuration", ConfigError)
+    return build(Config, read_yaml(source, ConfigError), fspath(source), ConfigError)
+
+
+def load_gripper(path: Source) -> Gripper:
+    """The gripper of a YAML file with the keys of the configuration's `gripper`.
+
+    Raises:
+        GripperError: as `load_config`, and where the gripper cannot hold anything.
+    """
+    return build(Gripper, read_yaml(path, GripperError), fspath(path), GripperError)
+
+
+def dump_config(config: Config) -> str:
+    """Every setting with its value, as YAML that `load_config` reads back."""
+    return to_yaml(plain(config))
+
+
+def config_hash(config: Config) -> str:
+    """16 hex digits of the SHA-256 of the configuration's canonical JSON."""
+    values = plain(load_config(config))
+    canonical = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:16]

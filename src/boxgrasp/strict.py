@@ -1,0 +1,269 @@
+"""Plain data into frozen dataclasses, strictly: nothing misspelt, mistyped or out of range passes.
+
+The types and ranges are the annotations of the dataclasses (`Annotated[float, Meta(ge=0)]`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from os import PathLike, fspath
+from typing import Any, TypeVar
+
+import msgspec
+
+from boxgrasp.errors import BoxgraspError
+
+D = TypeVar("D")
+Source = str | PathLike[str]
+Place = tuple[str | int, ...]
+
+
+def build(kind: type[D], data: Any, origin: str, error: type[BoxgraspError]) -> D:
+    """A frozen dataclass from plain data; `origin` names the data's source in messages.
+
+    Raises:
+        error: unknown keys at any depth, wrong types, values out of range.
+    """
+    try:
+        data = _checked(kind, {} if data is None else data, ())
+        return msgspec.convert(data, type=kind)
+    except _FaultError as fault:
+        raise error(f"{origin}: {fault}") from None
+    except msgspec.ValidationError as fault:
+        raise error(f"{origin}: {_explain(kind, data, str(fault))}") from None
+    except BoxgraspError as fault:  # a room's own check in __post_init__
+        raise error(f"{origin}: {fault}") from None
+
+
+class _FaultError(Exception):
+    """What is wrong with the data, without the name of the file it came from."""
+
+
+def _checked(kind: Any, data: Any, place: Place) -> Any:
+    """The data with unknown keys refused at every level, and empty sections made empty maps."""
+    section = _section(kind)
+    if section is not None and (data is None or isinstance(data, Mapping)):
+        hints = typing.get_type_hints(section, include_extras=True)
+        names = [item.name for item in dataclasses.fields(section) if item.init]
+        data = {} if data is None and not _optional(kind) else data
+        if data is None:
+            return None
+        for key in data:
+            if key not in names:
+                raise _FaultError(_unknown(key, names, place))
+        return {key: _checked(hints[key], value, (*place, key)) for key, value in data.items()}
+    if isinstance(data, list | tuple) and kind is not Any:
+        items = _item_kinds(kind)
+        pairs = zip(items, data, strict=False)
+        return [_checked(item, value, (*place, i)) for i, (item, value) in enumerate(pairs)]
+    if isinstance(data, float) and not math.isfinite(data):
+        raise _FaultError(f"{_spell(place)} is {data}; valid: a finite number")
+    return data
+
+
+def _unknown(key: object, names: list[str], place: Place) -> str:
+    import difflib
+
+    where = f" in {_spell(place)}" if place else ""
+    close = difflib.get_close_matches(str(key), names, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    return f"unknown key {key!r}{where}; valid: {', '.join(names)}{hint}"
+
+
+def _spell(place: Place) -> str:
+    parts = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in place)
+    return "".join(parts).lstrip(".") or "the whole"
+
+
+def _strip(kind: Any) -> Any:
+    """The type without its Annotated."""
+    return typing.get_args(kind)[0] if typing.get_origin(kind) is typing.Annotated else kind
+
+
+def _members(kind: Any) -> list[Any]:
+    kind = _strip(kind)
+    union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return [_strip(member) for member in typing.get_args(kind)] if union else [kind]
+
+
+def _optional(kind: Any) -> bool:
+    return types.NoneType in _members(kind)
+
+
+def _section(kind: Any) -> type[Any] | None:
+    for member in _members(kind):
+        if isinstance(member, type) and dataclasses.is_dataclass(member):
+            return member
+    return None
+
+
+def _item_kinds(kind: Any) -> Iterator[Any]:
+    """The types of a list's items, endless."""
+    for member in _members(kind):
+        args = typing.get_args(member)
+        if typing.get_origin(member) in (tuple, list) and args:
+            if len(args) == 2 and args[1] is Ellipsis:
+                args = args[:1]
+            yield from args
+            while typing.get_origin(member) is list or typing.get_args(member)[-1] is Ellipsis:
+                yield args[0]
+    while True:
+        yield Any
+
+
+def _explain(kind: Any, data: Any, message: str) -> str:
+    """msgspec's message as: place, what was found, what is valid."""
+    text, _, path = message.partition(" - at `$")
+    place: list[str | int] = []
+    for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", path):
+        place.append(name or int(index))
+    found, wanted = data, kind
+    for step in place:
+        found = found[step]
+        section = _section(wanted)
+        if isinstance(step, int):
+            items = _item_kinds(wanted)
+            for _ in range(step):
+                next(items)
+            wanted = next(items)
+        elif section is not None:
+            wanted = typing.get_type_hints(section, include_extras=True)[step]
+    return f"{_spell(tuple(place))} is {_shown(found)}; valid: {describe(wanted)}"
+
+
+def _shown(found: Any) -> str:
+    if isinstance(found, Mapping):
+        return "a section"
+    if isinstance(found, list | tuple):
+        return f"a list of {len(found)}"
+    text = repr(found) if isinstance(found, str) else json.dumps(found, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
+_BOUNDS = (("gt", "above"), ("ge", "at least"), ("lt", "below"), ("le", "at most"))
+
+
+def describe(kind: Any) -> str:
+    """A setting's type and range in words, from its annotation."""
+    notes = typing.get_args(kind)[1:] if typing.get_origin(kind) is typing.Annotated else ()
+    said = " or ".join(_kind_name(member) for member in _raw_members(_strip(kind)))
+    for note in notes:
+        if isinstance(note, msgspec.Meta):
+            bounds = [
+                f"{word} {getattr(note, name):g}"
+                for name, word in _BOUNDS
+                if getattr(note, name) is not None
+            ]
+            said += f" {' and '.join(bounds)}" if bounds else ""
+    return said
+
+
+def _raw_members(kind: Any) -> list[Any]:
+    union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return list(typing.get_args(kind)) if union else [kind]
+
+
+def _kind_name(kind: Any) -> str:
+    if typing.get_origin(kind) is typing.Annotated:
+        return describe(kind)
+    if typing.get_origin(kind) is typing.Literal:
+        return ", ".join(str(value) for value in typing.get_args(kind))
+    if typing.get_origin(kind) in (tuple, list):
+        args = typing.get_args(kind)
+        if typing.get_origin(kind) is list or args[-1] is Ellipsis:
+            return f"a list, each {describe(args[0])}"
+        return f"a list of {len(args)}, each {describe(args[0])}"
+    if kind is types.NoneType:
+        return "null"
+    section = _section(kind)
+    if section is not None:
+        return f"a section with {', '.join(item.name for item in dataclasses.fields(section))}"
+    return _NAMES.get(kind, str(kind))
+
+
+def read_yaml(path: Source, error: type[BoxgraspError]) -> Any:
+    """The plain data of a YAML file, read safely.
+
+    Raises:
+        error: the file cannot be read, is not YAML, or gives a key twice.
+    """
+    import yaml
+
+    try:
+        with open(path, "rb") as file:
+            return yaml.load(file, Loader=_loader())
+    except OSError as fault:
+        raise error(f"{fspath(path)}: {fault.strerror or fault}") from None
+    except yaml.MarkedYAMLError as fault:
+        mark = fault.problem_mark or fault.context_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise error(f"{fspath(path)}: {where}{_line(fault.problem or fault)}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as fault:
+        raise error(f"{fspath(path)}: not YAML: {_line(fault)}") from None
+
+
+def _line(text: object) -> str:
+    return " ".join(str(text).split())
+
+
+def _loader() -> Any:
+    """PyYAML's safe loader, that refuses a key given twice and reads 1e-3 as a number."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            seen = set()
+            for key_node, _ in node.value:
+                key = (key_node.tag, getattr(key_node, "value", None))
+                if isinstance(key[1], str) and key in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"key {key[1]!r} is given twice", key_node.start_mark
+                    )
+                seen.add(key if isinstance(key[1], str) else id(key_node))
+            return super().construct_mapping(node, deep)
+
+    number = re.compile(r"[-+]?(\d[\d_]*\.?[\d_]*|\.\d[\d_]*)[eE][-+]?\d+")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
+    return Loader
+
+
+def plain(value: Any) -> Any:
+    """A dataclass as maps, lists, numbers and strings, every field in it.
+
+    msgspec.to_builtins will not do: it leaves out defaults and adds cached properties.
+    """
+    if dataclasses.is_dataclass(value):
+        return {item.name: plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def to_yaml(data: Any) -> str:
+    """Plain data as YAML; lists of plain values on one line."""
+    import yaml
+
+    return str(yaml.dump(data, Dumper=_dumper(), sort_keys=False))
+
+
+def _dumper() -> Any:
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        def ignore_aliases(self, data: Any) -> bool:
+            return True
+
+        def represent_short(self, data: Any) -> Any:
+            flat = not any(isinstance(item, list | tuple | dict) for item in data)
+            return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
+
+    Dumper.add_representer(list, Dumper.represent_short)
+    Dumper.add_representer(tuple, Dumper.represent_short)
+    return Dumper
