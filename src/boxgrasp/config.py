@@ -12,8 +12,13 @@ from dataclasses import dataclass, field
 from os import fspath
 from typing import Any
 
+from boxgrasp.box import BoxConfig
+from boxgrasp.check import CheckConfig
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.gripper import Gripper
+from boxgrasp.occupancy import OccupancyConfig
+from boxgrasp.options import OptionsConfig
+from boxgrasp.scene import SceneConfig
 from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 
 
@@ -21,7 +26,14 @@ from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 class Config:
     """Everything that can be set, room by room; see `boxgrasp config`."""
 
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    box: BoxConfig = field(default_factory=BoxConfig)
+    occupancy: OccupancyConfig = field(default_factory=OccupancyConfig)
+    options: OptionsConfig = field(default_factory=OptionsConfig)
     gripper: Gripper = field(default_factory=Gripper)
+    check: CheckConfig = field(default_factory=CheckConfig)
+    chooser: str = "clearance"
+    unchecked: bool = False
 
 
 def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Config:

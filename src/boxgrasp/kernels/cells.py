@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.frames import Points
 from boxgrasp.kernels._jit import jit
+from boxgrasp.kernels._threads import run_chunks
 
 _BIAS = 1 << 20
 _MASK = (1 << 21) - 1
@@ -71,7 +72,7 @@ def voxel_centroids(points: Points, voxel_m: float) -> tuple[Points, NDArray[np.
 
 
 @jit
-def _bucket(
+def bucket(
     member: NDArray[np.int64], cells: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Point indices cell by cell, and where each cell starts (counting sort)."""
@@ -105,7 +106,7 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
     """
     member, keys, table, value = group_by_cell(points, radius_m / np.sqrt(3.0))
     cells = keys.shape[0]
-    order, start = _bucket(member, cells)
+    order, start = bucket(member, cells)
     parent = np.arange(cells)
     limit = radius_m * radius_m
     for a in range(cells):
@@ -152,13 +153,23 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
 
 
 @jit
-def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> Points:
-    """(N,) mean distance to the nearest neighbours; those beyond reach count as reach."""
-    member, keys, table, value = group_by_cell(points, reach_m)
-    order, start = _bucket(member, keys.shape[0])
-    means = np.empty(points.shape[0], dtype=np.float32)
-    nearest = np.empty(neighbours)
-    for i in range(points.shape[0]):
+def neighbour_means(
+    points: Points,
+    member: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    table: NDArray[np.int64],
+    value: NDArray[np.int64],
+    order: NDArray[np.int64],
+    start: NDArray[np.int64],
+    reach_m: float,
+    nearest: NDArray[np.float64],
+    means: Points,
+    first: int,
+    last: int,
+) -> None:
+    """Fill means[first:last]; `nearest` (neighbours,) is room to work in."""
+    neighbours = nearest.shape[0]
+    for i in range(first, last):
         key = keys[member[i]]
         kx, ky, kz = key >> 42, (key >> 21) & _MASK, key & _MASK
         nearest[:] = reach_m * reach_m
@@ -188,4 +199,19 @@ def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> 
         for k in range(neighbours):
             total += np.sqrt(nearest[k])
         means[i] = total / neighbours
+
+
+def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> Points:
+    """(N,) mean distance to the nearest neighbours; those beyond reach count as reach."""
+    member, keys, table, value = group_by_cell(points, reach_m)
+    order, start = bucket(member, keys.shape[0])
+    means = np.empty(points.shape[0], dtype=np.float32)
+
+    def work(first: int, last: int) -> None:
+        room = np.empty(neighbours)
+        neighbour_means(
+            points, member, keys, table, value, order, start, reach_m, room, means, first, last
+        )
+
+    run_chunks(work, points.shape[0], smallest=2_000)
     return means

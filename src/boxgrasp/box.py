@@ -1,0 +1,112 @@
+"""The target's box: on the support plane, upright, aligned or turned to the smallest area (2-1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from boxgrasp.errors import TargetError
+from boxgrasp.frames import Floats, Points, make_transform, readonly, rotation_z
+from boxgrasp.kernels.footprint import extents_over_yaws
+from boxgrasp.support import Plane
+
+_COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
+_FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
+_LEAST_M = 0.005
+
+
+@dataclass(frozen=True)
+class BoxConfig:
+    """How the box is fitted.
+
+    fit: `yaw` turns to the smallest area where that shrinks it by `turn_gain`; `aligned` is the
+    thesis's. trim_share: share of the points that may lie outside at each end of an axis, so
+    that a stray pixel cannot inflate the box.
+    """
+
+    fit: Literal["yaw", "aligned"] = "yaw"
+    turn_gain: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.07
+    trim_share: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """T_base_box (4, 4) at the box's centre, turned about z only; dimensions_m (3,) along x, y, z."""
+
+    T_base_box: Floats
+    dimensions_m: Floats
+
+    @cached_property
+    def base_centre_m(self) -> Floats:
+        """(3,) middle of the bottom face, base frame."""
+        return readonly(self.T_base_box[:3, 3] - (0.0, 0.0, self.dimensions_m[2] / 2))
+
+    @property
+    def yaw_rad(self) -> float:
+        """Turn of the box about the base's z."""
+        return float(np.arctan2(self.T_base_box[1, 0], self.T_base_box[0, 0]))
+
+    def T_base_map(self, height_m: float = 0.05) -> Floats:
+        """The half sphere's frame: the box's axes, origin above the base centre (3-2)."""
+        T = np.array(self.T_base_box)
+        T[:3, 3] = self.base_centre_m + (0.0, 0.0, height_m)
+        return readonly(T)
+
+
+def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig) -> Box:
+    """The box round a target's (N, 3) points, standing on the plane; all in the base frame.
+
+    heading_rad: where the camera looks in the base; the box's x is kept within 45 degrees of
+    the base axis nearest to it, so that `front` is the face towards the robot.
+
+    Raises:
+        TargetError: no points.
+    """
+    if len(points) == 0:
+        raise TargetError("the target has no points; valid: at least one above the plane")
+    quarter = float(np.round(heading_rad / (np.pi / 2)) * (np.pi / 2)) + 0.0
+    middle = points[:, :2].mean(axis=0, dtype=np.float64)
+    footprint = (points[:, :2] - middle) @ rotation_z(quarter)[:2, :2]
+    yaw, extent = _turn(np.ascontiguousarray(footprint), config)
+    turn = rotation_z(quarter) @ rotation_z(yaw)
+    size = np.maximum(extent[1::2] - extent[::2], _LEAST_M)
+    centre = middle + turn[:2, :2] @ ((extent[1::2] + extent[::2]) / 2)
+    foot = -(plane.normal[:2] @ centre + plane.offset_m) / plane.normal[2]
+    top = float(np.quantile(points[:, 2], 1.0 - config.trim_share))
+    height = max(top - foot, _LEAST_M)
+    return Box(
+        readonly(make_transform(turn, (centre[0], centre[1], foot + height / 2))),
+        readonly(np.array([size[0], size[1], height])),
+    )
+
+
+def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
+    """Yaw and extents (4,) of the footprint: straight, unless turning shrinks it enough."""
+
+    def area(extents: Floats) -> Floats:
+        return np.asarray(
+            (extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2])
+        )
+
+    straight = extents_over_yaws(footprint, np.zeros(1), config.trim_share)
+    if config.fit == "aligned":
+        return 0.0, straight[0]
+    yaws = _COARSE
+    for _ in range(2):
+        extents = extents_over_yaws(footprint, yaws, config.trim_share)
+        areas = area(extents)
+        ties = np.flatnonzero(areas <= areas.min() * (1 + 1e-9))
+        best = ties[np.argmin(np.abs(yaws[ties]))]
+        if yaws is _COARSE:
+            yaws = yaws[best] + _FINE
+    if areas[best] >= (1.0 - config.turn_gain) * area(straight)[0]:
+        return 0.0, straight[0]
+    yaw = float(yaws[best])
+    if not -np.pi / 4 < yaw <= np.pi / 4:  # the same rectangle, named from its other side
+        yaw -= np.copysign(np.pi / 2, yaw)
+        return yaw, extents_over_yaws(footprint, np.array([yaw]), config.trim_share)[0]
+    return yaw, extents[best]

@@ -1,0 +1,22 @@
+"""Geometry alone: most room up to the safe 6 cm, ties by the operator's habits (section 5-1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from boxgrasp.choosers import Preference, Situation
+from boxgrasp.clearance import GREEN_FROM_M
+from boxgrasp.options import FRONT, TOP_PARALLEL
+
+
+class ByClearance:
+    """Most clearance first; front and top-parallel before the rest, line 2 before the outer."""
+
+    def prefer(self, situation: Situation) -> Preference:
+        """Order by room, then habit, then label."""
+        options, numbers = situation.options, situation.numbers
+        room = np.minimum(np.minimum(numbers.seen_m, numbers.body_m), GREEN_FROM_M)
+        unhabitual = ~np.isin(options.face, (FRONT, TOP_PARALLEL))
+        off_centre = np.abs(options.line - (options.lines + 1) / 2)
+        order = np.lexsort((options.label, off_centre, unhabitual, -room))
+        return Preference(order, room / GREEN_FROM_M)

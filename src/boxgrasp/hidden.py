@@ -1,0 +1,61 @@
+"""What one view cannot show but the scene holds: the bodies under seen surfaces, and unseen space.
+
+A surface seen from above has a body under it: each obstacle point becomes a column reaching down
+to the support plane, or to the first cell below it that was seen free (under a floating lamp).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.box import Box
+from boxgrasp.frames import Floats, Points, invert, readonly, transform
+from boxgrasp.kernels._jit import jit
+from boxgrasp.occupancy import FREE, UNSEEN, LocalMap
+from boxgrasp.support import Plane
+
+
+@jit
+def _fall(
+    cells: NDArray[np.int64],
+    inside: NDArray[np.bool_],
+    state: NDArray[np.uint8],
+    floors: NDArray[np.float32],
+    free: int,
+) -> NDArray[np.int64]:
+    """(N,) lowest layer that each point's column reaches, -1 for down to the plane."""
+    layer = np.empty(cells.shape[0], dtype=np.int64)
+    for i in range(cells.shape[0]):
+        k = cells[i, 2]
+        if not inside[i]:
+            layer[i] = 1 << 30
+            continue
+        while k > 0 and state[cells[i, 0], cells[i, 1], k - 1] != free:
+            k -= 1
+        layer[i] = k if k > 0 else -1
+    return layer
+
+
+def columns_under(points: Points, local_map: LocalMap, plane: Plane) -> NDArray[np.float32]:
+    """(N, 4) float32 base frame x, y, z low, z high: the hidden body under each obstacle point.
+
+    Points outside the map keep no body: z low = z high.
+    """
+    T_map_base = invert(local_map.T_base_map)
+    cells, inside = local_map.keys(transform(T_map_base, points))
+    ground = np.minimum(points[:, 2], points[:, 2] - plane.heights(points))
+    layer = _fall(cells, inside, local_map.state, ground, FREE)
+    floor = local_map.lowest[2] + layer * local_map.resolution_m + local_map.T_base_map[2, 3]
+    low = np.where(layer == -1, ground, np.minimum(floor, points[:, 2]))
+    low = np.where(inside, np.maximum(low, ground), points[:, 2])
+    return readonly(np.column_stack((points[:, :2], low, points[:, 2])).astype(np.float32))
+
+
+def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
+    """(K, 3) centres, base frame, of cells that no ray saw free or occupied, but the target's."""
+    centres = local_map.cells(UNSEEN)
+    base = transform(local_map.T_base_map, centres)
+    own = np.abs(transform(invert(box.T_base_box), base))
+    reach = box.dimensions_m / 2 + local_map.resolution_m / 2
+    return np.ascontiguousarray(base[np.any(own > reach, axis=1)])

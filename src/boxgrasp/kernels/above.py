@@ -1,0 +1,51 @@
+"""Points over the support plane, in the plane's own frame, in one pass."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.frames import Floats, Points
+from boxgrasp.kernels._jit import jit
+
+
+@jit
+def above_plane(
+    points: Points,
+    T_table_source: Floats,
+    eye: Floats,
+    band_m: float,
+    noise_gain: float,
+    highest_m: float,
+    farthest_m: float,
+    found: Points,
+    index: NDArray[np.int32],
+) -> int:
+    """Fill `found` (N, 3) with the points over the band, `index` with their rows; returns how many.
+
+    The band is what the table's own noise reaches: band_m plus noise_gain times the axial noise
+    of a structured-light camera at that range (Nguyen 2012), eye (3,) in the table frame.
+    """
+    T = T_table_source
+    count = 0
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        if z < band_m or z > highest_m:
+            continue
+        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+        dx, dy, dz = x - eye[0], y - eye[1], z - eye[2]
+        square = dx * dx + dy * dy + dz * dz
+        if square > farthest_m * farthest_m:
+            continue
+        if noise_gain > 0.0:
+            away = square**0.5 - 0.4
+            if z < band_m + noise_gain * (0.0012 + 0.0019 * away * away):
+                continue
+        found[count, 0] = x
+        found[count, 1] = y
+        found[count, 2] = z
+        index[count] = i
+        count += 1
+    return count

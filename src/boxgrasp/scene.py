@@ -1,0 +1,328 @@
+"""From a view to objects on their support plane (appendix A)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from boxgrasp.capture import Capture
+from boxgrasp.errors import SceneError
+from boxgrasp.frames import Floats, Points, invert, readonly, transform
+from boxgrasp.kernels.above import above_plane
+from boxgrasp.kernels.cells import euclidean_clusters, mean_neighbour_distance, voxel_centroids
+from boxgrasp.split import split_clusters
+from boxgrasp.support import Plane, find_support_plane, patch_over, support_frame
+
+Metres = Annotated[float, Meta(gt=0.0, le=20.0)]
+Corner = tuple[float, float, float]
+
+_OBSTACLES_BEYOND_M = 0.6
+_SPECK = 8
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """How objects are found; appendix A's numbers unless said otherwise.
+
+    near_m, far_m: pass-through, Euclidean distance from the camera. Things beyond are obstacles,
+    but no objects. voxel_m: downsampling. cluster_m: points nearer than this are one object.
+    segmentation: `split` also parts things that stand closer; `euclidean` is the thesis's.
+    lowest_m: height over the plane, beside noise_gain times the camera's axial noise, under
+    which a point is the table's. outlier_*: statistical trimming. workspace_m: two opposite
+    corners in the base frame; outside it are obstacles, but no objects.
+    """
+
+    near_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.4
+    far_m: Metres = 1.6
+    voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
+    cluster_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
+    segmentation: Literal["split", "euclidean"] = "split"
+    lowest_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.004
+    noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 3.0
+    highest_m: Metres = 1.0
+    outlier_neighbours: Annotated[int, Meta(ge=1, le=100)] = 8
+    outlier_sigma: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
+    least_points: Annotated[int, Meta(ge=1)] = 40
+    workspace_m: tuple[Corner, Corner] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """One thing on the support plane.
+
+    number counts from the nearest, from 1; centre_m, size_m (3,) of its visible points along
+    the base's axes; distance_m from the camera; points: how many 3 mm voxels; pixel: (u, v) of
+    one of its pixels near its middle, None without an image.
+    """
+
+    number: int
+    centre_m: Floats
+    size_m: Floats
+    distance_m: float
+    points: int
+    pixel: tuple[int, int] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What stands over the support plane, base frame, metres.
+
+    points: (K, 3) float32 voxel centroids over the plane; labels: (K,) object number, 0 for what
+    is no object; plane: the support plane; T_base_camera: None where the camera is unknown;
+    T_base_table: z on the plane's normal, z = 0 on the plane; frame: `given` or `support`.
+    clouds: one (points (N, 3) float32 base, eye (3,) or None) a view, for the map.
+    """
+
+    points: Points
+    labels: NDArray[np.int64]
+    objects: tuple[SceneObject, ...]
+    plane: Plane
+    frame: str
+    T_base_camera: Floats | None
+    T_base_table: Floats
+    shape: tuple[int, int] | None
+    pixels: NDArray[np.int32]
+    above: NDArray[np.int32]
+    voxel_of_above: NDArray[np.int64]
+    source_points: Points
+    T_base_source: Floats
+
+    @cached_property
+    def voxel_image(self) -> NDArray[np.int32]:
+        """(H * W,) voxel row of each pixel; -1 table or background, -2 no depth."""
+        if self.shape is None:
+            return readonly(np.empty(0, dtype=np.int32))
+        image = np.full(self.shape[0] * self.shape[1], -2, dtype=np.int32)
+        image[self.pixels] = -1
+        image[self.pixels[self.above]] = self.voxel_of_above
+        return readonly(image)
+
+    @property
+    def eye_m(self) -> Floats | None:
+        """(3,) camera position in the base frame."""
+        return None if self.T_base_camera is None else self.T_base_camera[:3, 3]
+
+
+def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
+    """Support plane, voxels over it, objects; further scans are fused into the same voxels.
+
+    Raises:
+        SceneError: no support plane, nothing on it, or a scan whose place is unknown.
+    """
+    points, pixels = capture.valid_points()
+    optical = capture.cloud_frame == "optical"
+    T_given = capture.T_base_camera
+    up = None
+    if not optical:
+        up = np.array([0.0, 0.0, 1.0])
+    elif T_given is not None:
+        up = T_given[2, :3]
+    source_plane = find_support_plane(points, up)
+    T_source_table = support_frame(source_plane, optical)
+    T_base_source = np.eye(4)
+    if optical:
+        T_base_source = np.array(T_given) if T_given is not None else invert(T_source_table)
+    T_base_camera = T_base_source if optical else T_given
+    T_base_table = T_base_source @ T_source_table
+
+    eye = None if T_base_camera is None else transform(invert(T_base_table), T_base_camera[None, :3, 3])[0]
+    found, above = _over(points, invert(T_source_table), eye, config)
+    first = len(found)
+    for scan in scans:
+        found = np.vstack((found, _scan_over(scan, T_base_table, config)))
+    if len(found) == 0:
+        raise SceneError("nothing stands on the support plane; valid: at least one object in view")
+    voxels, voxel_of = voxel_centroids(found, config.voxel_m)
+    keep = _inliers(voxels, eye, config)
+    labels = np.full(len(voxels), -1, dtype=np.int64)
+    if keep.any():
+        labels[keep] = euclidean_clusters(np.ascontiguousarray(voxels[keep]), config.cluster_m)
+    sizes = np.bincount(labels + 1, minlength=1)
+    labels[sizes[labels + 1] < _SPECK] = -1
+    colours = _voxel_colours(capture, pixels, above, voxel_of[:first], len(voxels))
+    if config.segmentation == "split":
+        labels = split_clusters(voxels, labels, colours)
+    patch = patch_over(points, T_source_table, voxels)
+    labels = np.where(labels < 0, -1, labels)
+    points_base = transform(T_base_table, voxels)
+    numbers, objects = _number(
+        points_base, labels, patch, None if T_base_camera is None else T_base_camera[:3, 3], config
+    )
+    alive = labels >= 0
+    row = np.where(alive, np.cumsum(alive) - 1, -1)
+    scene = Scene(
+        points=readonly(np.ascontiguousarray(points_base[alive])),
+        labels=readonly(numbers[alive]),
+        objects=(),
+        plane=source_plane.moved(T_base_source),
+        frame="support" if optical and T_given is None else "given",
+        T_base_camera=None if T_base_camera is None else readonly(T_base_camera),
+        T_base_table=readonly(T_base_table),
+        shape=capture.shape,
+        pixels=pixels if capture.shape is not None else readonly(np.arange(len(points), dtype=np.int32)),
+        above=readonly(above),
+        voxel_of_above=readonly(row[voxel_of[:first]]),
+        source_points=points,
+        T_base_source=readonly(T_base_source),
+    )
+    if not objects:
+        raise SceneError("nothing stands on the support plane; valid: at least one object in view")
+    object.__setattr__(scene, "objects", _with_pixels(scene, objects))
+    return scene
+
+
+def _over(
+    points: Points, T_table_source: Floats, eye: Floats | None, config: SceneConfig
+) -> tuple[Points, NDArray[np.int32]]:
+    """(P, 3) points over the plane in the table frame, and their rows."""
+    found = np.empty((len(points), 3), dtype=np.float32)
+    rows = np.empty(len(points), dtype=np.int32)
+    known = eye is not None
+    count = above_plane(
+        points,
+        T_table_source,
+        eye if eye is not None else np.zeros(3),
+        config.lowest_m if known else config.lowest_m + config.noise_gain * 0.002,
+        config.noise_gain if known else 0.0,
+        config.highest_m,
+        config.far_m + _OBSTACLES_BEYOND_M if known else 1e6,
+        found,
+        rows,
+    )
+    return found[:count], rows[:count]
+
+
+def _scan_over(scan: Capture, T_base_table: Floats, config: SceneConfig) -> Points:
+    points, _ = scan.valid_points()
+    T_base_source = scan_pose(scan)
+    T_table_source = invert(T_base_table) @ T_base_source
+    eye = None
+    if scan.T_base_camera is not None:
+        eye = (invert(T_base_table) @ scan.T_base_camera)[:3, 3]
+    return _over(points, T_table_source, eye, config)[0]
+
+
+def scan_pose(scan: Capture) -> Floats:
+    """T_base_source of a further scan.
+
+    Raises:
+        SceneError: the scan does not say where its camera stood.
+    """
+    if scan.cloud_frame == "base":
+        return np.eye(4)
+    if scan.T_base_camera is None:
+        raise SceneError("a further scan has no T_base_camera; valid: every scan with its pose")
+    return scan.T_base_camera
+
+
+def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray[np.bool_]:
+    """Statistical trimming: mean neighbour distance within sigma of the usual, at its range."""
+    reach_m = 3.5 * config.voxel_m
+    means = mean_neighbour_distance(voxels, config.outlier_neighbours, reach_m)
+    if eye is not None:
+        # A farther surface is sampled more thinly: half a pixel a metre at 525 px.
+        spread = np.linalg.norm(voxels - eye.astype(np.float32), axis=1)
+        means = means / np.maximum(config.voxel_m, spread * np.float32(1 / 525))
+    limit = float(means.mean(dtype=np.float64) + config.outlier_sigma * means.std(dtype=np.float64))
+    return np.asarray(means <= max(limit, float(np.median(means)) * 1.5))
+
+
+def _voxel_colours(
+    capture: Capture,
+    pixels: NDArray[np.int32],
+    above: NDArray[np.int32],
+    voxel_of: NDArray[np.int64],
+    count: int,
+) -> Points | None:
+    """(K, 3) mean colour of each voxel, NaN where none was seen; None without colours."""
+    flat = capture.rgb.reshape(-1, 3) if capture.rgb is not None else capture.colors
+    if flat is None or len(voxel_of) == 0:
+        return None
+    rows = pixels[above] if capture.shape is not None else above
+    if capture.shape is None and capture.robot_mask is not None:
+        rows = np.flatnonzero(~capture.robot_mask.reshape(-1))[above]
+    seen = flat[rows]
+    hits = np.bincount(voxel_of, minlength=count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.column_stack(
+            [np.bincount(voxel_of, seen[:, k], minlength=count) / hits for k in range(3)]
+        ).astype(np.float32)
+
+
+def _number(
+    points: Points,
+    labels: NDArray[np.int64],
+    patch: NDArray[np.bool_],
+    eye: Floats | None,
+    config: SceneConfig,
+) -> tuple[NDArray[np.int64], list[SceneObject]]:
+    """Object numbers (K,) from the nearest, 0 for what is no object, and the objects."""
+    order = np.argsort(labels, kind="stable")
+    starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
+    origin = eye if eye is not None else np.zeros(3)
+    candidates = []
+    for k in range(len(starts) - 1):
+        rows = order[starts[k] : starts[k + 1]]
+        if len(rows) < config.least_points or 2 * np.count_nonzero(patch[rows]) < len(rows):
+            continue
+        own = points[rows]
+        middle = own.mean(axis=0, dtype=np.float64)
+        distance = float(np.linalg.norm(middle - origin))
+        if eye is not None and not config.near_m <= distance <= config.far_m:
+            continue
+        if config.workspace_m is not None:
+            low, high = np.sort(np.array(config.workspace_m), axis=0)
+            if np.any(middle < low) or np.any(middle > high):
+                continue
+        candidates.append((distance, tuple(middle.tolist()), k, rows))
+    candidates.sort(key=lambda item: (item[0], item[1]))
+    numbers = np.zeros(len(labels), dtype=np.int64)
+    objects = []
+    for number, (distance, _, _, rows) in enumerate(candidates, start=1):
+        numbers[rows] = number
+        low, high = points[rows].min(axis=0), points[rows].max(axis=0)
+        objects.append(
+            SceneObject(
+                number=number,
+                centre_m=readonly((low + high).astype(np.float64) / 2),
+                size_m=readonly((high - low).astype(np.float64)),
+                distance_m=distance,
+                points=len(rows),
+                pixel=None,
+            )
+        )
+    return numbers, objects
+
+
+def _with_pixels(scene: Scene, objects: list[SceneObject]) -> tuple[SceneObject, ...]:
+    """Each object with one of its own pixels, the one nearest to their mean."""
+    if scene.shape is None:
+        return tuple(objects)
+    width = scene.shape[1]
+    ok = scene.voxel_of_above >= 0
+    pixels = scene.pixels[scene.above][ok].astype(np.int64)
+    numbers = scene.labels[scene.voxel_of_above[ok]]
+    v, u = np.divmod(pixels, width)
+    count = np.maximum(np.bincount(numbers, minlength=len(objects) + 1), 1)
+    mean_u = np.bincount(numbers, u, minlength=len(objects) + 1) / count
+    mean_v = np.bincount(numbers, v, minlength=len(objects) + 1) / count
+    off = (u - mean_u[numbers]) ** 2 + (v - mean_v[numbers]) ** 2
+    first = np.lexsort((pixels, off, numbers))
+    at = np.searchsorted(numbers[first], np.arange(1, len(objects) + 1))
+    found = []
+    for item, k in zip(objects, at.tolist(), strict=True):
+        pixel = None
+        if k < len(first) and numbers[first[k]] == item.number:
+            pixel = (int(u[first[k]]), int(v[first[k]]))
+        found.append(
+            SceneObject(
+                item.number, item.centre_m, item.size_m, item.distance_m, item.points, pixel
+            )
+        )
+    return tuple(found)

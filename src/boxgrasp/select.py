@@ -1,0 +1,202 @@
+"""The hall: one view in, one checked gripper pose out. Reads as chapter 2 of the thesis."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from boxgrasp import check
+from boxgrasp import __version__
+from boxgrasp.box import Box, fit_box
+from boxgrasp.capture import Capture
+from boxgrasp.choosers import Preference, Situation, chooser_named
+from boxgrasp.config import Config, config_hash, load_config
+from boxgrasp.frames import Floats, make_transform, quaternion_xyzw, readonly
+from boxgrasp.gripper import Gripper
+from boxgrasp.occupancy import LocalMap, build_local_map
+from boxgrasp.options import Options, options_of
+from boxgrasp.scene import Scene, SceneObject, find_scene
+from boxgrasp.selection import BoxReport, OptionReport, Selection
+from boxgrasp.target import Target, find_target
+
+
+class GraspSelector:
+    """Selects grasps by one configuration; safe from several threads."""
+
+    def __init__(self, config: Config | Mapping[str, Any] | str | None = None) -> None:
+        self.config = load_config(config)
+        self._hash = config_hash(self.config)
+        self._chooser = chooser_named(self.config.chooser)
+
+    def select(
+        self,
+        capture: Capture,
+        target: Target | None = None,
+        scans: Sequence[Capture] = (),
+        octomap: Any = None,
+    ) -> Selection:
+        """The grasp that is best and passes the check, or a request for help."""
+        config = self.config
+        clock = _Clock()
+        # 1. The support plane and what stands on it (appendix A).
+        scene = find_scene(capture, scans, config.scene)
+        clock.lap("scene")
+        # 2. A box round the target (2-1).
+        own = find_target(scene, capture, target)
+        box = fit_box(scene.points[own], scene.plane, _heading(scene), config.box)
+        clock.lap("box")
+        # 3. What is occupied, free and unseen round it (2-2).
+        local_map = build_local_map(_clouds(scene, scans), box.T_base_map(), config.occupancy)
+        clock.lap("occupancy")
+        # 4. Every option with its numbers (2-4, 3-4).
+        options = options_of(box, config.gripper, config.options.lines)
+        obstacles = np.ascontiguousarray(scene.points[~own])
+        numbers = check.measure(
+            options,
+            config.gripper,
+            box,
+            scene,
+            obstacles,
+            (np.empty((0, 3)), np.empty(0)),
+            local_map,
+            (True, True),
+            config.check,
+        )
+        verdict = check.judge(
+            options,
+            numbers,
+            config.gripper,
+            scene,
+            scene.labels[~own],
+            config.options.faces,
+            config.check,
+        )
+        clock.lap("check")
+        # 5. The first by preference that passes, or a question (2-3, 6-1).
+        preference = self._chooser.prefer(Situation(box, options, numbers, local_map))
+        clock.lap("choose")
+        return self._answer(capture, scene, box, options, numbers, verdict, preference, clock)
+
+    def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
+        """The objects on the support plane, numbered from the nearest."""
+        return find_scene(capture, (), self.config.scene).objects
+
+    def warm_up(self) -> None:
+        """Compile or load every kernel, so that the first select is as quick as the next."""
+
+    def _answer(
+        self,
+        capture: Capture,
+        scene: Scene,
+        box: Box,
+        options: Options,
+        numbers: check.Numbers,
+        verdict: check.Verdict,
+        preference: Preference,
+        clock: _Clock,
+    ) -> Selection:
+        config = self.config
+        order = preference.order.tolist()
+        rank = np.argsort(preference.order)
+        passing = verdict.passing
+        chosen = next((k for k in order if passing[k] or config.unchecked), None)
+        rejected = [k for k in order if not passing[k]]
+        best = min(rejected, key=lambda k: (verdict.short_m[k], rank[k]), default=None)
+        reports = tuple(
+            OptionReport(
+                label=int(options.label[k]),
+                face=int(options.face[k]),
+                line=int(options.line[k]),
+                T_base_gripper=readonly(options.T_base_gripper[k].copy()),
+                width_m=float(options.width_m[k]),
+                seen_m=float(numbers.seen_m[k]),
+                unseen_m=float(numbers.unseen_m[k]),
+                support_m=float(numbers.support_m[k]),
+                approach_m=float(numbers.approach_m[k]),
+                fits=bool(numbers.fits[k] and numbers.known[k]),
+                rejected=verdict.rejected[k],
+                preference=int(rank[k]) + 1,
+            )
+            for k in range(len(order))
+        )
+        grasp: dict[str, Any] = dict.fromkeys(
+            ("face", "line", "label", "T_base_gripper", "T_base_tcp", "T_base_pregrasp",
+             "position_m", "quaternion_xyzw", "opening_m", "clearance_m")
+        )  # fmt: skip
+        blocking = None
+        if chosen is not None:
+            grasp = _grasp(reports[chosen], config.gripper, config.check.approach_back_m)
+            reason = "first by preference that passes" if passing[chosen] else "unchecked"
+        else:
+            assert best is not None
+            blocking = verdict.rejected[best]
+            reason = f"no option passes; the nearest to it, {reports[best].label}: {blocking}"
+        clock.lap("answer")
+        return Selection(
+            status="ask" if chosen is None else "grasp",
+            reason=reason,
+            frame=scene.frame,
+            T_base_camera=scene.T_base_camera,
+            chooser=config.chooser,
+            **grasp,
+            box=BoxReport(box.T_base_box, box.dimensions_m),
+            best_rejected=None if best is None else reports[best].label,
+            blocking=blocking,
+            options=reports,
+            warnings=capture.notes,
+            config_hash=self._hash,
+            timings_ms=clock.timings_ms(),
+            version=__version__,
+        )
+
+
+class _Clock:
+    """Wall time stage by stage; the stages add up to the total."""
+
+    def __init__(self) -> None:
+        self._start = self._last = time.perf_counter()
+        self._laps: dict[str, float] = {}
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self._laps[stage] = (now - self._last) * 1e3
+        self._last = now
+
+    def timings_ms(self) -> dict[str, float]:
+        return {**self._laps, "total": (time.perf_counter() - self._start) * 1e3}
+
+
+def _heading(scene: Scene) -> float:
+    """Where the camera looks, as a turn about the base's z; 0 where it is unknown."""
+    if scene.T_base_camera is None:
+        return 0.0
+    x = scene.T_base_table[:3, 0]
+    return float(np.arctan2(x[1], x[0]))
+
+
+def _clouds(scene: Scene, scans: Sequence[Capture]) -> list[Any]:
+    from boxgrasp.frames import transform
+
+    clouds = [(transform(scene.T_base_source, scene.source_points), scene.eye_m)]
+    return clouds
+
+
+def _grasp(option: OptionReport, gripper: Gripper, back_m: float) -> dict[str, Any]:
+    T = option.T_base_gripper
+    back = make_transform(np.eye(3), (-back_m, 0.0, 0.0))
+    return {
+        "face": option.face,
+        "line": option.line,
+        "label": option.label,
+        "T_base_gripper": T,
+        "T_base_tcp": readonly(T @ np.array(gripper.T_gripper_tcp)),
+        "T_base_pregrasp": readonly(T @ back),
+        "position_m": readonly(T[:3, 3].copy()),
+        "quaternion_xyzw": readonly(quaternion_xyzw(T[:3, :3])),
+        "opening_m": gripper.opening_m,
+        "clearance_m": option.seen_m,
+    }

@@ -1,0 +1,204 @@
+"""The support plane: the level plane that carries the objects, not the largest one in view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.errors import SceneError
+from boxgrasp.frames import Floats, Points, invert, make_transform, readonly, transform
+from boxgrasp.kernels.plane import plane_sums, plane_votes
+
+_SAMPLE = 2500
+_PROPOSALS = 200
+_CANDIDATES = 5
+_COARSE_M = 0.015
+_FINE_M = 0.008
+_CARRIED_M = (0.015, 0.30)
+_CELL_M = 0.05
+_TILT_GIVEN = np.cos(np.deg2rad(12.0))
+_TILT_CAMERA = np.sin(np.deg2rad(10.0))
+_TILT_UPRIGHT = np.sin(np.deg2rad(15.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """n . p + offset_m = 0 with n (3,) a unit normal pointing up; heights are n . p + offset_m."""
+
+    normal: Floats
+    offset_m: float
+
+    def heights(self, points: Points) -> Points:
+        """(N,) signed heights of (N, 3) points in metres."""
+        return points @ self.normal.astype(np.float32) + np.float32(self.offset_m)
+
+    def moved(self, T_a_b: Floats) -> Plane:
+        """The same plane in frame a, where this one is given in b."""
+        normal = T_a_b[:3, :3] @ self.normal
+        return Plane(readonly(normal), float(self.offset_m - normal @ T_a_b[:3, 3]))
+
+
+def find_support_plane(points: Points, up: Floats | None) -> Plane:
+    """RANSAC over local proposals, the carrier among the candidates, a refit (appendix A).
+
+    points: (N, 3) float32 in the camera frame, or in any frame where `up` is known.
+    up: (3,) unit vector against gravity in the points' frame; None for a camera frame of
+    unknown tilt, where planes that face downwards in the image are left out.
+
+    Raises:
+        SceneError: no plane of a plausible tilt holds enough points.
+    """
+    sample = np.ascontiguousarray(points[:: max(1, len(points) // _SAMPLE)])
+    proposals = _proposals(sample, up)
+    rest = sample
+    candidates: list[tuple[int, Floats]] = []
+    while len(candidates) < _CANDIDATES and len(rest) > 0 and len(proposals) > 0:
+        votes = plane_votes(rest, proposals, _COARSE_M)
+        best = int(np.argmax(votes))
+        if votes[best] < max(30, 0.02 * len(sample)):
+            break
+        plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M, _FINE_M))
+        if plane is None or not _plausible(plane[None], up)[0]:
+            plane = proposals[best]
+        else:
+            candidates.append((int(votes[best]), plane))
+        away = np.abs(rest @ plane[:3].astype(np.float32) + np.float32(plane[3]))
+        rest = np.ascontiguousarray(rest[away > 1.5 * _COARSE_M])
+        proposals = np.delete(proposals, best, axis=0)
+    if not candidates:
+        raise SceneError(
+            "no support plane found; valid: a view with a level surface under the objects"
+        )
+    if up is None:  # a level plane faces up in the image unless the camera looks straight down
+        upright = [found for found in candidates if found[1][1] < -_TILT_UPRIGHT]
+        candidates = upright or candidates
+    carried = [_carried(sample, plane) for _, plane in candidates]
+    chosen = _choose(candidates, carried)
+    dense = np.ascontiguousarray(points[:: max(1, len(points) // 60_000)])
+    plane = _refit(dense, chosen, (_FINE_M,) * 4)
+    if plane is None:
+        plane = chosen
+    return Plane(readonly(plane[:3].copy()), float(plane[3]))
+
+
+def support_frame(plane: Plane, optical: bool) -> Floats:
+    """T_source_table: z = normal, z = 0 on the plane, origin below the source's origin.
+
+    x is the optical axis laid on the plane (DESIGN: base frame without a transform); for a
+    source that is no camera, or one looking straight down, the next axis that can be laid.
+    """
+    axes = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0)) if optical else ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    laid = [np.array(axis) - plane.normal * (plane.normal @ np.array(axis)) for axis in axes]
+    x = laid[0] if np.linalg.norm(laid[0]) > 0.05 else laid[1]
+    x = x / np.linalg.norm(x)
+    rotation = np.column_stack((x, np.cross(plane.normal, x), plane.normal))
+    return make_transform(rotation, -plane.normal * plane.offset_m)
+
+
+def _proposals(sample: Points, up: Floats | None) -> Floats:
+    """(H, 4) planes through triples of near points, and level ones where up is known."""
+    rng = np.random.default_rng(0)
+    count = len(sample)
+    if count < 3:
+        return np.empty((0, 4))
+    first = rng.integers(count, size=_PROPOSALS)
+    others = rng.integers(count, size=(_PROPOSALS, 40))
+    centres = sample[first].astype(np.float64)
+    offsets = sample[others].astype(np.float64) - centres[:, None]
+    gap = np.linalg.norm(offsets, axis=2)
+    near = (gap > 0.03) & (gap < 0.30)
+    rows = np.arange(_PROPOSALS)
+    second = np.argmax(near, axis=1)
+    near[rows, second] = False
+    third = np.argmax(near, axis=1)
+    normals = np.cross(offsets[rows, second], offsets[rows, third])
+    length = np.linalg.norm(normals, axis=1)
+    good = near[rows, third] & (length > 1e-6)
+    normals = normals[good] / length[good, None]
+    through = centres[good]
+    if up is not None:
+        level = centres[: _PROPOSALS // 2]
+        normals = np.vstack((normals, np.tile(up, (len(level), 1))))
+        through = np.vstack((through, level))
+    planes = np.column_stack((normals, -np.sum(normals * through, axis=1)))
+    # Towards the viewer where tilt is unknown, else upwards.
+    flip = planes[:, 3] < 0 if up is None else planes[:, :3] @ up < 0
+    planes[flip] *= -1
+    return np.ascontiguousarray(planes[_plausible(planes, up)])
+
+
+def _plausible(planes: Floats, up: Floats | None) -> NDArray[np.bool_]:
+    if up is None:
+        return np.asarray(planes[:, 1] <= _TILT_CAMERA)
+    return np.asarray(planes[:, :3] @ up >= _TILT_GIVEN)
+
+
+def _refit(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Floats | None:
+    """Least squares through the points near the plane, repeated; None where too few are near."""
+    anchor = -plane[:3] * plane[3]
+    for tolerance_m in tolerances_m:
+        sums = plane_sums(points, plane, anchor, tolerance_m)
+        count = sums[0]
+        if count < 10:
+            return None
+        mean = sums[1:4] / count
+        xx, xy, xz, yy, yz, zz = sums[4:] / count
+        products = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        normal = np.linalg.eigh(products - np.outer(mean, mean))[1][:, 0]
+        if normal @ plane[:3] < 0:
+            normal = -normal
+        plane = np.append(normal, -normal @ (anchor + mean))
+    return plane
+
+
+def _carried(sample: Points, plane: Floats) -> int:
+    """How many points stand over the plane's own seen patch, up to 30 cm high."""
+    T_source_table = support_frame(Plane(plane[:3], float(plane[3])), optical=True)
+    local = transform(invert(T_source_table), sample)
+    over = local[(local[:, 2] > _CARRIED_M[0]) & (local[:, 2] < _CARRIED_M[1])]
+    return int(np.count_nonzero(_over_patch(local[np.abs(local[:, 2]) < _FINE_M], over)))
+
+
+def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray[np.bool_]:
+    """(K,) whether points `above` (table frame) stand over the part of the plane that was seen.
+
+    points: (N, 3) of the view in the source frame.
+    """
+    local = transform(invert(T_source_table), points[:: max(1, len(points) // 20_000)])
+    return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above)
+
+
+def _over_patch(on: Points, above: Points) -> NDArray[np.bool_]:
+    """Whether each point lies over 5 cm cells that hold plane points, or over their span."""
+    inside = np.zeros(len(above), dtype=bool)
+    if len(on) == 0 or len(above) == 0:
+        return inside
+    cells = np.floor(on[:, :2] / _CELL_M).astype(np.int64)
+    lowest = cells.min(axis=0) - 1
+    shape = cells.max(axis=0) - lowest + 2
+    if np.any(shape > 2000):
+        return inside
+    patch = np.zeros(shape, dtype=bool)
+    patch[tuple((cells - lowest).T)] = True
+    filled = _spans(patch)
+    at = np.floor(above[:, :2] / _CELL_M).astype(np.int64) - lowest
+    inside = np.all((at >= 0) & (at < shape), axis=1)
+    inside[inside] = filled[tuple(at[inside].T)]
+    return inside
+
+
+def _spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells with plane on both sides in their row and in their column: hidden spots filled."""
+    rows = np.logical_or.accumulate(patch, 0) & np.logical_or.accumulate(patch[::-1], 0)[::-1]
+    columns = np.logical_or.accumulate(patch, 1) & np.logical_or.accumulate(patch[:, ::-1], 1)[
+        :, ::-1
+    ]
+    return patch | (rows & columns)
+
+
+def _choose(candidates: list[tuple[int, Floats]], carried: list[int]) -> Floats:
+    """The plane that carries most; where none carries anything, the best supported."""
+    order = max(range(len(candidates)), key=lambda k: (carried[k], candidates[k][0], -k))
+    return candidates[order][1]

@@ -1,0 +1,160 @@
+"""Which object is meant: by pixel, mask, point or number, else as the capture says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.capture import Capture
+from boxgrasp.errors import TargetError
+from boxgrasp.kernels.cells import euclidean_clusters
+from boxgrasp.scene import Scene
+
+_PIXEL_REACH = 5
+_POINT_REACH_M = 0.03
+_MASK_JOIN_M = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """At most one of: pixel (u, v); mask (H, W) bool; point (3,) base frame, m; object number.
+
+    Raises:
+        TargetError: more than one is given.
+    """
+
+    pixel: tuple[int, int] | None = None
+    mask: Any = None
+    point: tuple[float, float, float] | None = None
+    object: int | None = None
+
+    def __post_init__(self) -> None:
+        given = [name for name in ("pixel", "mask", "point", "object") if self._has(name)]
+        if len(given) > 1:
+            raise TargetError(f"target given by {' and '.join(given)}; valid: one of them")
+
+    def _has(self, name: str) -> bool:
+        return getattr(self, name) is not None
+
+
+def find_target(scene: Scene, capture: Capture, target: Target | None) -> NDArray[np.bool_]:
+    """(K,) bool: which of the scene's points are the target's.
+
+    Without a target the capture's mask counts, then its target_pixel.
+
+    Raises:
+        TargetError: nothing given, outside the image, on the table, on nothing, unknown number.
+    """
+    chosen = target or Target()
+    if chosen.object is not None:
+        return scene.labels == _known_number(scene, chosen.object)
+    if chosen.point is not None:
+        return scene.labels == _object_at(scene, chosen.point)
+    if chosen.mask is not None:
+        return _under_mask(scene, capture, _checked_mask(capture, chosen.mask))
+    if chosen.pixel is not None:
+        return scene.labels == _object_under(scene, chosen.pixel)
+    if capture.mask is not None:
+        return _under_mask(scene, capture, capture.mask)
+    if capture.target_pixel is not None:
+        return scene.labels == _object_under(scene, capture.target_pixel)
+    raise TargetError(
+        "no target given; valid: a pixel, mask, point or object number, or a capture with one"
+    )
+
+
+def _known_number(scene: Scene, number: int) -> int:
+    if isinstance(number, bool) or not isinstance(number, int | np.integer):
+        raise TargetError(f"object is {number!r}; valid: a number from 1 to {len(scene.objects)}")
+    if not 1 <= number <= len(scene.objects):
+        raise TargetError(f"no object {number}; valid: 1 to {len(scene.objects)}")
+    return int(number)
+
+
+def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
+    try:
+        place = np.array(point, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TargetError("target point is not numeric; valid: x, y, z in metres") from None
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise TargetError("target point is not three finite numbers; valid: x, y, z in metres")
+    away = np.linalg.norm(scene.points - place, axis=1)
+    away[scene.labels == 0] = np.inf
+    nearest = int(np.argmin(away))
+    if away[nearest] > _POINT_REACH_M:
+        raise TargetError(
+            f"target point is on no object (nearest is {away[nearest] * 100:.0f} cm away); "
+            f"valid: within {_POINT_REACH_M * 100:.0f} cm of one"
+        )
+    return int(scene.labels[nearest])
+
+
+def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
+    """Object number under a pixel; without depth there, under the nearest pixel that has it."""
+    if scene.shape is None:
+        raise TargetError("an unorganised cloud has no pixels; valid: a point or object number")
+    height, width = scene.shape
+    try:
+        u, v = (int(k) for k in pixel)
+    except (TypeError, ValueError, OverflowError):
+        raise TargetError(f"target pixel is {pixel!r}; valid: u v, whole numbers") from None
+    if not (0 <= u < width and 0 <= v < height):
+        raise TargetError(f"pixel {u} {v} is outside; valid: 0..{width - 1} 0..{height - 1}")
+    image = scene.voxel_image.reshape(height, width)
+    v0, u0 = max(v - _PIXEL_REACH, 0), max(u - _PIXEL_REACH, 0)
+    window = image[v0 : v + _PIXEL_REACH + 1, u0 : u + _PIXEL_REACH + 1]
+    rows, columns = np.nonzero(window != -2)
+    if len(rows) == 0:
+        raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")
+    off = (rows + v0 - v) ** 2 + (columns + u0 - u) ** 2
+    if off.min() > _PIXEL_REACH**2:
+        raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")
+    # Ties go to a pixel on an object: the one without depth was pointed at, not the table.
+    voxel = window[rows, columns]
+    number = np.where(voxel >= 0, scene.labels[np.maximum(voxel, 0)], -1)
+    first = np.lexsort((columns, rows, number <= 0, off))[0]
+    if number[first] > 0:
+        return int(number[first])
+    near = (off <= 2) & (number > 0)  # a trimmed pixel inside an object
+    if number[first] == -1 and np.count_nonzero(near) >= 3:
+        return int(np.bincount(number[near]).argmax())
+    if number[first] == 0:
+        raise TargetError(
+            f"pixel {u} {v} is on no object: too small, out of range or off the support plane; "
+            "valid: an object that `boxgrasp objects` lists (see scene.near_m, scene.far_m)"
+        )
+    raise TargetError(f"pixel {u} {v} is on the table or behind it; valid: a pixel on an object")
+
+
+def _checked_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
+    shape = capture.shape
+    if shape is None and capture.points is not None:
+        shape = (len(capture.points),)  # type: ignore[assignment]
+    array = np.asarray(mask)
+    if array.shape != shape or array.dtype not in (np.bool_, np.uint8):
+        raise TargetError(f"mask is {array.dtype} {array.shape}; valid: bool {shape}")
+    if not array.any():
+        raise TargetError("mask is empty; valid: True on the target's pixels")
+    return np.asarray(array != 0)
+
+
+def _under_mask(scene: Scene, capture: Capture, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The voxels mostly under the mask; of apart pieces the largest, so that bleed falls off."""
+    flat = mask.reshape(-1)
+    if scene.shape is None and capture.robot_mask is not None:
+        flat = flat[~capture.robot_mask.reshape(-1)]
+    ok = scene.voxel_of_above >= 0
+    voxels = scene.voxel_of_above[ok]
+    inside = flat[scene.pixels[scene.above[ok]]]
+    count = len(scene.points)
+    votes = np.bincount(voxels, inside, minlength=count)
+    under = 2 * votes > np.bincount(voxels, minlength=count)
+    if not under.any():
+        raise TargetError("mask covers nothing above the support plane; valid: True on an object")
+    rows = np.flatnonzero(under)
+    pieces = euclidean_clusters(np.ascontiguousarray(scene.points[rows]), _MASK_JOIN_M)
+    under[rows[pieces != np.bincount(pieces).argmax()]] = False
+    return under
