@@ -5,6 +5,7 @@ Depth images and clouds, organised or not. No files here: `Capture.load` imports
 
 from __future__ import annotations
 
+import copy
 import os
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, get_args
@@ -190,6 +191,14 @@ class Capture:
         if self.cloud_shape is None:
             pixels = np.full(len(points), -1, np.int32)
         return readonly(points), readonly(pixels)
+
+    def with_notes(self, *notes: str) -> Capture:
+        """Copy the capture with more notes, as a reader has them."""
+        if not notes:
+            return self
+        other = copy.copy(self)
+        other._set(notes=(*self.notes, *notes))
+        return other
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from boxgrasp.capture import Capture, CloudFrame
+from boxgrasp.capture import CLOUD_FRAMES, Capture, CloudFrame
 from boxgrasp.errors import BoxgraspError, CaptureError, MissingExtraError
 
 _LONGEST: Final = 300
+_VALID: Final = ".npz, .pcd, .ply, .bag, .db3, .mcap"
 
 
 def load_capture(
@@ -53,11 +54,55 @@ def _reader(
     path: Path, cloud_frame: CloudFrame, topic: str | None, stamp: float | None
 ) -> Callable[[], Capture]:
     """The call that reads this path. Readers are imported one at a time, so that none is paid."""
-    if not os.path.lexists(path):
-        raise CaptureError("no such file or folder; valid: a capture's path")
-    suffix = path.suffix.lower()
-    if suffix == ".npz" and not path.is_dir():
-        from boxgrasp.io.npz import load_npz
+    if cloud_frame not in CLOUD_FRAMES:
+        raise CaptureError(f"cloud_frame is {cloud_frame!r}; valid: {', '.join(CLOUD_FRAMES)}")
+    if path.is_dir():
+        return _folder_reader(path, cloud_frame, topic, stamp)
+    if not path.is_file():
+        what = "is no regular file" if os.path.lexists(path) else "no such file or folder"
+        raise CaptureError(f"{what}; valid: a folder, or a file with suffix {_VALID}")
+    match path.suffix.lower():
+        case ".npz":
+            from boxgrasp.io.npz import load_npz
 
-        return lambda: load_npz(path)
-    raise CaptureError(f"has suffix {suffix!r}; valid: .npz")
+            return lambda: load_npz(path)
+        case ".pcd":
+            from boxgrasp.io.pcd import load_pcd
+
+            return lambda: load_pcd(path, cloud_frame)
+        case ".ply":
+            from boxgrasp.io.ply import load_ply
+
+            return lambda: load_ply(path, cloud_frame)
+        case ".bag" | ".db3" | ".mcap":
+            return _bag_reader(path, cloud_frame, topic, stamp)
+        case suffix:
+            found = f"suffix {suffix!r}" if suffix else "no suffix"
+            raise CaptureError(f"{found}; valid: {_VALID}, or a folder with depth.png")
+
+
+def _bag_reader(
+    path: Path, cloud_frame: CloudFrame, topic: str | None, stamp: float | None
+) -> Callable[[], Capture]:
+    from boxgrasp.io.bag import load_bag
+
+    return lambda: load_bag(path, cloud_frame, topic, stamp)
+
+
+def _folder_reader(
+    path: Path, cloud_frame: CloudFrame, topic: str | None, stamp: float | None
+) -> Callable[[], Capture]:
+    names = set(os.listdir(path))
+    if "metadata.yaml" in names:
+        return _bag_reader(path, cloud_frame, topic, stamp)
+    if "depth.png" in names:
+        from boxgrasp.io.folder import load_folder
+
+        return lambda: load_folder(path)
+    for cloud in ("cloud.pcd", "cloud.ply"):
+        if cloud in names:
+            return _reader(path / cloud, cloud_frame, topic, stamp)
+    raise CaptureError(
+        "folder without depth.png; valid: depth.png and intrinsics.json, cloud.pcd, cloud.ply, "
+        "or a ROS 2 bag's metadata.yaml"
+    )

@@ -1,0 +1,59 @@
+"""What a header claims is checked against the bytes that are there, before memory is taken."""
+
+from __future__ import annotations
+
+import os
+from typing import IO, Final
+
+from boxgrasp.errors import CaptureError
+
+MAX_POINTS: Final = 100_000_000
+MAX_PIXELS: Final = 64_000_000
+MAX_HEADER_BYTES: Final = 1 << 16
+
+
+def remaining_bytes(stream: IO[bytes]) -> int:
+    """Bytes between the stream's position and the end of its file."""
+    here = stream.tell()
+    end = stream.seek(0, os.SEEK_END)
+    stream.seek(here)
+    return end - here
+
+
+def check_points(count: int, bytes_needed: int, bytes_there: int) -> None:
+    """Refuse a cloud that cannot be held, or that the file is too short for.
+
+    Raises:
+        CaptureError: none, too many, or truncated.
+    """
+    if count <= 0:
+        raise CaptureError("cloud is empty; valid: at least one point")
+    if count > MAX_POINTS:
+        raise CaptureError(f"cloud claims {count} points; valid: at most {MAX_POINTS}")
+    if bytes_needed > bytes_there:
+        raise CaptureError(
+            f"cloud is truncated: {count} points need {bytes_needed} bytes, {bytes_there} are there"
+        )
+
+
+def header_lines(stream: IO[bytes], last: str) -> list[str]:
+    """Header lines up to and with the one whose first word is `last`.
+
+    Raises:
+        CaptureError: no such line, or not text.
+    """
+    lines: list[str] = []
+    while stream.tell() < MAX_HEADER_BYTES:
+        raw = stream.readline(MAX_HEADER_BYTES)
+        if not raw:
+            break
+        try:
+            line = raw.decode("ascii").strip()
+        except UnicodeDecodeError:
+            if raw.lstrip().startswith((b"#", b"comment", b"obj_info")):
+                continue  # a comment may be in any language
+            raise CaptureError("header is not text; valid: the format its suffix says") from None
+        lines.append(line)
+        if line.split(" ", 1)[0] == last:
+            return lines
+    raise CaptureError(f"header has no {last} line; valid: the format its suffix says")

@@ -1,0 +1,132 @@
+"""Captures as folders: images beside small JSON files."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.capture import Capture
+from boxgrasp.errors import CaptureError
+from boxgrasp.io.images import read_color, read_depth_png, read_mask
+
+_CAMERA_KEYS: Final = ("fx", "fy", "cx", "cy", "width", "height")
+_CAPTURE_KEYS: Final = ("T_base_camera", "depth_scale", "target_pixel")
+_COLOR_NAMES: Final = ("color.png", "color.jpg", "color.jpeg")
+_DISTORTION: Final = re.compile(r"(?i)k[1-9]|p[1-9]|s[1-4]|tau.*|[dk]|.*(dist|coef).*")
+_MAX_JSON_BYTES: Final = 1 << 20
+_MILLIMETRE: Final = 0.001
+
+
+def load_folder(folder: Path) -> Capture:
+    """A capture of depth.png, intrinsics.json, and what else of the format is there.
+
+    `capture.json` may hold T_base_camera, depth_scale (metres a unit) and target_pixel.
+
+    Raises:
+        CaptureError: a file is missing, damaged, or does not fit the others.
+    """
+    intrinsics, size = _read_intrinsics(folder / "intrinsics.json")
+    told, notes = _read_told(folder / "capture.json")
+    raw = read_depth_png(_regular(folder / "depth.png"), size)
+    color = next((folder / name for name in _COLOR_NAMES if (folder / name).exists()), None)
+    mask, robot_mask = folder / "mask.png", folder / "robot_mask.png"
+    capture = Capture(
+        (raw * _depth_scale(told)).astype(np.float32),
+        intrinsics,
+        told.get("T_base_camera"),
+        read_color(_regular(color), size) if color is not None else None,
+        read_mask(_regular(mask), size) if mask.exists() else None,
+        target_pixel=told.get("target_pixel"),
+        robot_mask=read_mask(_regular(robot_mask), size) if robot_mask.exists() else None,
+    )
+    return capture.with_notes(*notes)
+
+
+def _regular(path: Path) -> Path:
+    if not path.is_file():
+        what = "is no file" if path.exists() else "is missing"
+        raise CaptureError(
+            f"{path.name} {what}; valid: depth.png and intrinsics.json in the folder"
+        )
+    return path
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """The object in a small JSON file."""
+    with _regular(path).open("rb") as stream:
+        text = stream.read(_MAX_JSON_BYTES + 1)
+    if len(text) > _MAX_JSON_BYTES:
+        raise CaptureError(f"{path.name} is over {_MAX_JSON_BYTES} bytes; valid: a small JSON file")
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise CaptureError(f"{path.name} is no JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise CaptureError(f"{path.name} holds no object; valid: {{...}}")
+    return found
+
+
+def _read_intrinsics(path: Path) -> tuple[NDArray[np.float64], tuple[int, int]]:
+    """(3, 3) rows in pixels, and (width, height)."""
+    found = _read_json(path)
+    for key in _CAMERA_KEYS:
+        if not _is_number(found.get(key)):
+            what = "lacks" if key not in found else "has no finite number as"
+            raise CaptureError(f"{path.name} {what} {key}; valid: {', '.join(_CAMERA_KEYS)}")
+    for key, value in found.items():
+        if _DISTORTION.fullmatch(key) and _any_nonzero(value):
+            raise CaptureError(
+                f"{path.name} has lens distortion in {key}; valid: a rectified image "
+                "(undistort depth and colour first, then leave the coefficients out)"
+            )
+    fx, fy, cx, cy, width, height = (float(found[key]) for key in _CAMERA_KEYS)
+    if not (width.is_integer() and height.is_integer() and width > 0 and height > 0):
+        raise CaptureError(f"{path.name} has size {width:g} x {height:g}; valid: whole pixels")
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return K, (int(width), int(height))
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:
+        return False
+
+
+def _any_nonzero(value: Any) -> bool:
+    """Whether a number other than 0 stands in a value, list or object of JSON."""
+    if isinstance(value, dict):
+        return any(_any_nonzero(part) for part in value.values())
+    if isinstance(value, list):
+        return any(_any_nonzero(part) for part in value)
+    return isinstance(value, int | float) and value != 0
+
+
+def _read_told(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """What capture.json holds, if it is there, and a note for each key that says nothing."""
+    if not path.exists():
+        return {}, []
+    found = _read_json(path)
+    valid = ", ".join(_CAPTURE_KEYS)
+    unknown = [key for key in found if key not in _CAPTURE_KEYS]
+    notes = [
+        f"{path.name} has {key!r:.40}, which is passed over; known: {valid}" for key in unknown
+    ]
+    return found, notes
+
+
+def _depth_scale(told: dict[str, Any]) -> float:
+    scale = told.get("depth_scale", _MILLIMETRE)
+    if not _is_number(scale) or not 1e-6 <= float(scale) <= 0.1:
+        raise CaptureError(
+            f"capture.json has depth_scale {scale!r:.40}; valid: metres a unit, as 0.001"
+        )
+    return float(scale)

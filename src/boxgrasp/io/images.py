@@ -1,0 +1,79 @@
+"""PNG and JPEG images as arrays, their size known before a pixel is unpacked."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from boxgrasp.errors import CaptureError
+from boxgrasp.io.extent import MAX_PIXELS
+
+_DEPTH_MODES: Final = ("I;16", "I;16B", "I;16L", "I")  # by Pillow's version and the file's order
+
+
+def read_depth_png(source: Path | IO[bytes], size: tuple[int, int] | None) -> NDArray[np.uint16]:
+    """(H, W) uint16 of a 16-bit grey PNG; `size` is the (width, height) it must have, if known.
+
+    Raises:
+        CaptureError: another format or depth of bits, or another size.
+    """
+    with _open(source, ("PNG",), size, "depth.png") as image:
+        if image.mode not in _DEPTH_MODES:
+            raise CaptureError(
+                f"depth.png has pixels of mode {image.mode}; valid: 16 bit, one channel"
+            )
+        return np.asarray(image).astype(np.uint16)
+
+
+def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 of a PNG or JPEG of that (width, height).
+
+    Raises:
+        CaptureError: another format or size.
+    """
+    with _open(source, ("PNG", "JPEG"), size, source.name) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def read_mask(source: Path, size: tuple[int, int] | None = None) -> NDArray[np.bool_]:
+    """(H, W) bool of a PNG: True where any colour is above 0; `size` is its (width, height).
+
+    Raises:
+        CaptureError: another format or size.
+    """
+    with _open(source, ("PNG",), size, source.name) as image:
+        if "A" in image.mode:
+            image = image.convert("LA" if image.mode == "LA" else "RGBA")
+        pixels = np.asarray(image)
+    if pixels.ndim == 3:
+        opaque = pixels.shape[2] - (1 if pixels.shape[2] in (2, 4) else 0)
+        pixels = pixels[..., :opaque].max(axis=2)
+    return np.asarray(pixels != 0)
+
+
+def _open(
+    source: Path | IO[bytes], formats: tuple[str, ...], size: tuple[int, int] | None, name: str
+) -> Any:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(source, formats=formats)
+    except UnidentifiedImageError:
+        raise CaptureError(f"{name} is damaged or no {' or '.join(formats)}") from None
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        raise CaptureError(f"{name} is too large; valid: at most {MAX_PIXELS} pixels") from None
+    width, height = image.size
+    if size is not None and (width, height) != size:
+        image.close()
+        raise CaptureError(
+            f"{name} is {width} x {height} pixels; valid: {size[0]} x {size[1]}, as the depth"
+        )
+    if width * height > MAX_PIXELS:
+        image.close()
+        raise CaptureError(f"{name} has {width} x {height} pixels; valid: at most {MAX_PIXELS}")
+    return image
