@@ -15,13 +15,16 @@ from boxgrasp.box import Box, fit_box
 from boxgrasp.capture import Capture
 from boxgrasp.choosers import Preference, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
-from boxgrasp.frames import Floats, make_transform, quaternion_xyzw, readonly
+from boxgrasp.frames import make_transform, quaternion_xyzw, readonly, transform
 from boxgrasp.gripper import Gripper
-from boxgrasp.occupancy import LocalMap, build_local_map
+from boxgrasp.occupancy import Scan, build_local_map
 from boxgrasp.options import Options, options_of
-from boxgrasp.scene import Scene, SceneObject, find_scene
+from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 from boxgrasp.target import Target, find_target
+from boxgrasp.visibility import Visibility, look
+
+_DENSE = 150_000  # a view with more points is thinned to every second row and column for rays
 
 
 class GraspSelector:
@@ -48,9 +51,10 @@ class GraspSelector:
         # 2. A box round the target (2-1).
         own = find_target(scene, capture, target)
         box = fit_box(scene.points[own], scene.plane, _heading(scene), config.box)
+        seen = look(capture, scene, own, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        local_map = build_local_map(_clouds(scene, scans), box.T_base_map(), config.occupancy)
+        local_map = build_local_map(_rays(scene, scans), box.T_base_map(), config.occupancy)
         clock.lap("occupancy")
         # 4. Every option with its numbers (2-4, 3-4).
         options = options_of(box, config.gripper, config.options.lines)
@@ -63,7 +67,7 @@ class GraspSelector:
             obstacles,
             (np.empty((0, 3)), np.empty(0)),
             local_map,
-            (True, True),
+            seen.width_known,
             config.check,
         )
         verdict = check.judge(
@@ -79,7 +83,10 @@ class GraspSelector:
         # 5. The first by preference that passes, or a question (2-3, 6-1).
         preference = self._chooser.prefer(Situation(box, options, numbers, local_map))
         clock.lap("choose")
-        return self._answer(capture, scene, box, options, numbers, verdict, preference, clock)
+        warnings = (*capture.notes, *_warnings(scene, seen))
+        return self._answer(
+            scene, box, options, numbers, verdict, preference, warnings, clock
+        )
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
         """The objects on the support plane, numbered from the nearest."""
@@ -90,13 +97,13 @@ class GraspSelector:
 
     def _answer(
         self,
-        capture: Capture,
         scene: Scene,
         box: Box,
         options: Options,
         numbers: check.Numbers,
         verdict: check.Verdict,
         preference: Preference,
+        warnings: tuple[str, ...],
         clock: _Clock,
     ) -> Selection:
         config = self.config
@@ -147,7 +154,7 @@ class GraspSelector:
             best_rejected=None if best is None else reports[best].label,
             blocking=blocking,
             options=reports,
-            warnings=capture.notes,
+            warnings=warnings,
             config_hash=self._hash,
             timings_ms=clock.timings_ms(),
             version=__version__,
@@ -178,11 +185,35 @@ def _heading(scene: Scene) -> float:
     return float(np.arctan2(x[1], x[0]))
 
 
-def _clouds(scene: Scene, scans: Sequence[Capture]) -> list[Any]:
-    from boxgrasp.frames import transform
+def _rays(scene: Scene, scans: Sequence[Capture]) -> list[Scan]:
+    """Points and eye of every view, base frame: the whole cloud, the table included."""
+    views = [(scene.source_points, scene.pixels, scene.shape, scene.T_base_source, scene.eye_m)]
+    for scan in scans:
+        points, pixels = scan.valid_points()
+        T = scan_pose(scan)
+        eye = None if scan.T_base_camera is None else scan.T_base_camera[:3, 3]
+        views.append((points, pixels, scan.shape, T, eye))
+    rays = []
+    for points, pixels, shape, T_base_source, eye in views:
+        if shape is not None and len(points) > _DENSE:
+            row, column = np.divmod(pixels, shape[1])
+            points = points[(row | column) & 1 == 0]
+        rays.append((transform(T_base_source, points), eye))
+    return rays
 
-    clouds = [(transform(scene.T_base_source, scene.source_points), scene.eye_m)]
-    return clouds
+
+def _warnings(scene: Scene, seen: Visibility) -> list[str]:
+    found = []
+    if scene.frame == "support":
+        found.append("no T_base_camera given: the base frame is the support plane's")
+    if scene.T_base_camera is None:
+        found.append("camera position unknown: no space is known to be free")
+    if seen.cut:
+        found.append("target is cut by the image border")
+    for axis, known in zip("xy", seen.width_known, strict=True):
+        if not known:
+            found.append(f"target's width along its {axis} is a lower bound: an edge is hidden")
+    return found
 
 
 def _grasp(option: OptionReport, gripper: Gripper, back_m: float) -> dict[str, Any]:

@@ -1,0 +1,167 @@
+"""Where the view ends before the target does: edges hidden by nearer things or by the border."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.box import Box
+from boxgrasp.capture import Capture
+from boxgrasp.frames import Floats, invert, transform
+from boxgrasp.scene import Scene
+
+_REACH_PX = 6
+_NEARER_M = 0.02
+_EDGE_BAND_M = 0.012
+_HIDDEN_SHARE = 0.5
+_LEAST_PX = 4
+_STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, down
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """width_known: whether the box's x and y dimensions are more than lower bounds.
+
+    cut: whether the image border cuts the target. hidden_edges: names of the box's edges hidden.
+    """
+
+    width_known: tuple[bool, bool]
+    cut: bool
+    hidden_edges: tuple[str, ...]
+
+
+def look(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Visibility:
+    """Which edges of the box end at something nearer or at the border (DESIGN: Box).
+
+    own: (K,) the target's voxels. Without an image every edge counts as seen, but the one along
+    the view where the camera looks from below the box's top.
+    """
+    known = [True, True]
+    hidden = []
+    cut = False
+    if scene.shape is not None and scene.T_base_camera is not None:
+        window = _window(capture, scene, own)
+        if window is not None:
+            cut, edges = _edges(window, scene, box)
+            for axis, side in edges:
+                known[axis] = False
+                hidden.append(("+" if side > 0 else "-") + "xy"[axis])
+    eye = scene.eye_m
+    if eye is not None:
+        along = invert(box.T_base_box)[:3, :3] @ (box.T_base_box[:3, 3] - eye)
+        if eye[2] < box.T_base_box[2, 3] + box.dimensions_m[2] / 2 + _NEARER_M:
+            axis = int(np.argmax(np.abs(along[:2])))
+            known[axis] = False
+            hidden.append("far " + "xy"[axis])
+    return Visibility((known[0], known[1]), cut, tuple(hidden))
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """The image round the target: own (h, w), depth (h, w) with inf for none, points, offset."""
+
+    own: NDArray[np.bool_]
+    depth: NDArray[np.float32]
+    points: NDArray[np.float32]
+    open_sides: tuple[bool, bool, bool, bool]
+
+
+def _window(capture: Capture, scene: Scene, own: NDArray[np.bool_]) -> _Window | None:
+    assert scene.shape is not None
+    height, width = scene.shape
+    voxel = scene.voxel_image.reshape(height, width)
+    rows = scene.pixels[scene.above[(scene.voxel_of_above >= 0)]]
+    rows = rows[own[scene.voxel_of_above[scene.voxel_of_above >= 0]]]
+    if len(rows) == 0:
+        return None
+    v, u = np.divmod(rows, width)
+    v0, v1 = max(int(v.min()) - _REACH_PX, 0), min(int(v.max()) + _REACH_PX + 1, height)
+    u0, u1 = max(int(u.min()) - _REACH_PX, 0), min(int(u.max()) + _REACH_PX + 1, width)
+    part = voxel[v0:v1, u0:u1]
+    mask = (part >= 0) & own[np.maximum(part, 0)]
+    index = np.full(part.shape, -1, dtype=np.int64)
+    flat = (np.arange(v0, v1)[:, None] * width + np.arange(u0, u1)).reshape(-1)
+    at = np.searchsorted(scene.pixels, flat)
+    found = at < len(scene.pixels)
+    found[found] = scene.pixels[at[found]] == flat[found]
+    index.reshape(-1)[found] = at[found]
+    points = np.full((*part.shape, 3), np.nan, dtype=np.float32)
+    points[index >= 0] = transform(scene.T_base_source, scene.source_points[index[index >= 0]])
+    assert scene.T_base_camera is not None
+    forward = scene.T_base_camera[:3, 2].astype(np.float32)
+    depth = (points - scene.T_base_camera[:3, 3].astype(np.float32)) @ forward
+    depth = np.where(np.isnan(depth), np.float32(np.inf), depth)
+    if capture.robot_mask is not None:  # the arm is nearer than what it hides
+        depth[capture.robot_mask.reshape(height, width)[v0:v1, u0:u1]] = 0.0
+    return _Window(mask, depth, points, (u0 == 0, u1 == width, v0 == 0, v1 == height))
+
+
+def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[int, int]]]:
+    """Whether the border cuts the target, and the (axis, side) of each hidden edge."""
+    own, depth = window.own, window.depth
+    ends, beyond, cut = [], [], False
+    for step, open_side in zip(_STEPS, window.open_sides, strict=True):
+        end, nearer, border = _scan_side(own, depth, step, open_side)
+        ends.append(end)
+        beyond.append(nearer | border)
+        cut = cut or int(np.count_nonzero(border)) >= _LEAST_PX
+    T_box_base = invert(box.T_base_box)
+    local = transform(T_box_base, window.points.reshape(-1, 3)).reshape(window.points.shape)
+    found = []
+    assert scene.T_base_camera is not None
+    turn = scene.T_base_camera[:3, :3].T @ box.T_base_box[:3, :3]
+    view = T_box_base[:3, :3] @ (box.T_base_box[:3, 3] - scene.T_base_camera[:3, 3])
+    for axis in (0, 1):
+        for side in (-1, 1):
+            step = _image_step(turn, view, axis, side)
+            with np.errstate(invalid="ignore"):
+                at_edge = local[..., axis] * side > box.dimensions_m[axis] / 2 - _EDGE_BAND_M
+            end = ends[step] & at_edge
+            count = int(np.count_nonzero(end))
+            hidden = int(np.count_nonzero(end & beyond[step]))
+            if hidden >= _LEAST_PX and hidden > _HIDDEN_SHARE * count:
+                found.append((axis, side))
+    return cut, found
+
+
+def _image_step(turn: Floats, view: Floats, axis: int, side: int) -> int:
+    """Which of `_STEPS` leads out over an edge: where a move along the box's axis goes in view."""
+    move = side * turn[:, axis]
+    ray = turn @ view
+    du = move[0] * ray[2] - ray[0] * move[2]
+    dv = move[1] * ray[2] - ray[1] * move[2]
+    if abs(du) >= abs(dv):
+        return 0 if du < 0 else 1
+    return 2 if dv < 0 else 3
+
+
+def _scan_side(
+    own: NDArray[np.bool_], depth: NDArray[np.float32], step: tuple[int, int], at_border: bool
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Own pixels that end to one side; those where a nearer thing is next; those at the border."""
+    dv, du = step
+    reach = _REACH_PX
+    padded = np.pad(own, reach)
+    deep = np.pad(depth, reach, constant_values=np.inf)
+    h, w = own.shape
+
+    def shifted(array: NDArray[np.generic], k: int) -> NDArray[np.generic]:
+        return array[reach + dv * k : reach + dv * k + h, reach + du * k : reach + du * k + w]
+
+    ends = own.copy()
+    for k in range(1, reach + 1):  # a hole in the depth is no end
+        ends &= ~shifted(padded, k).astype(bool)
+    nearer = np.zeros_like(own)
+    decided = np.zeros_like(own)
+    for k in range(1, reach + 1):
+        other = shifted(deep, k)
+        has = np.isfinite(other) & ~decided
+        nearer |= has & (other < depth - _NEARER_M)
+        decided |= has
+    border = np.zeros_like(own)
+    if at_border:
+        rows = {(0, -1): np.s_[:, :2], (0, 1): np.s_[:, -2:], (-1, 0): np.s_[:2], (1, 0): np.s_[-2:]}
+        border[rows[step]] = True
+    return ends, ends & nearer, ends & border
