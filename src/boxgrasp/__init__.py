@@ -1,5 +1,53 @@
-"""One depth view in, one checked gripper pose out."""
+"""One depth view in, one checked gripper pose out (docs/conventions.md has the words)."""
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from boxgrasp.capture import Capture
+    from boxgrasp.config import Config, load_config
+    from boxgrasp.errors import BoxgraspError
+    from boxgrasp.gripper import Gripper
+    from boxgrasp.select import GraspSelector
+    from boxgrasp.selection import Selection
+    from boxgrasp.target import Target
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "BoxgraspError",
+    "Capture",
+    "Config",
+    "GraspSelector",
+    "Gripper",
+    "Selection",
+    "Target",
+    "__version__",
+    "load_config",
+]
+
+_ROOMS = {
+    "BoxgraspError": "errors",
+    "Capture": "capture",
+    "Config": "config",
+    "GraspSelector": "select",
+    "Gripper": "gripper",
+    "Selection": "selection",
+    "Target": "target",
+    "load_config": "config",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for, so that `--version` pays for none."""
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_ROOMS[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,3 +1,129 @@
 """The command line: a file a command, everything heavy imported by the command that needs it."""
 
 from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from boxgrasp import __version__
+
+COMMANDS = {
+    "select": "choose a grasp for each capture, or ask for help",
+    "objects": "list what stands on the support plane",
+    "explain": "show all options as a table, with the reason each was kept or dropped",
+    "show": "draw saved answers again",
+    "demo": "cast a cluttered table, select, and write the picture",
+    "config": "print the configuration as it is resolved",
+}
+FAILED = 2
+INTERRUPTED = 130
+BROKEN_PIPE = 141
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, as every error of the command line does."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with the exit status of a failure."""
+        complain(message)
+        raise SystemExit(FAILED)
+
+
+def complain(message: object) -> None:
+    """One line on standard error."""
+    print(f"boxgrasp: {' '.join(str(message).split())}", file=sys.stderr, flush=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status: 0 all answered, 2 something failed."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(arguments)
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader has gone; what is still buffered must not raise again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        split = next((i for i, word in enumerate(arguments) if word[:1] != "-"), len(arguments))
+        before = _main_parser().parse_args(arguments[: split + 1])
+        if before.command is None:
+            _main_parser().print_help()
+            return 0
+        parser = command_parser(before.command)
+        args = parser.parse_intermixed_args(arguments[split + 1 :])
+    except SystemExit as stop:  # argparse ends the process itself for --help and errors
+        return stop.code if isinstance(stop.code, int) else FAILED
+    handler = _log_to_stderr(max(before.verbose, args.verbose))
+    try:
+        return _answer(before.command, args)
+    finally:
+        logging.getLogger("boxgrasp").removeHandler(handler)
+
+
+def _answer(command: str, args: argparse.Namespace) -> int:
+    from boxgrasp.errors import BoxgraspError
+
+    module = importlib.import_module(f"boxgrasp.cli.{command}")
+    try:
+        status = int(module.run(args))
+        sys.stdout.flush()
+        return status
+    except BoxgraspError as error:
+        complain(error)
+        return FAILED
+
+
+def _main_parser() -> Parser:
+    commands = "\n".join(f"  {name:10}{what}" for name, what in COMMANDS.items())
+    parser = Parser(
+        prog="boxgrasp",
+        usage="boxgrasp [-h] [--version] [-v] COMMAND ...",
+        description="One depth view in, one checked gripper pose out.",
+        epilog=f"commands:\n{commands}\n\n`boxgrasp COMMAND --help` tells more.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"boxgrasp {__version__}")
+    _add_verbose(parser)
+    parser.add_argument("command", nargs="?", choices=COMMANDS, help=argparse.SUPPRESS)
+    return parser
+
+
+def command_parser(command: str) -> Parser:
+    """The parser of one command; only that command's file is imported."""
+    module = importlib.import_module(f"boxgrasp.cli.{command}")
+    parser = Parser(
+        prog=f"boxgrasp {command}",
+        description=module.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    _add_verbose(parser)
+    return parser
+
+
+def _add_verbose(parser: Parser) -> None:
+    parser.add_argument(
+        "-v", "--verbose", action="count", default=0, help="log to standard error; -vv logs more"
+    )
+
+
+def _log_to_stderr(verbose: int) -> logging.Handler:
+    logger = logging.getLogger("boxgrasp")
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    logger.addHandler(handler)
+    logger.setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)])
+    return handler

@@ -1,0 +1,173 @@
+"""Options that several commands share, and what they mean."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from boxgrasp.capture import Capture
+    from boxgrasp.config import Config
+    from boxgrasp.target import Target
+
+
+def add_captures(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
+    """CAPTURE... and how to read them."""
+    parser.add_argument(
+        "captures",
+        nargs=nargs,
+        metavar="CAPTURE",
+        help=".npz, folder, .pcd, .ply, bag or MCAP; each gets its own answer",
+    )
+    add_reading(parser)
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """How to read a capture."""
+    group = parser.add_argument_group("reading captures")
+    group.add_argument(
+        "--cloud-frame",
+        choices=("optical", "base"),
+        default="optical",
+        help="frame of a cloud's points (default: optical, the camera at the origin, z forward)",
+    )
+    group.add_argument("--topic", metavar="T", help="topic of the message in a bag")
+    group.add_argument(
+        "--stamp", type=float, metavar="S", help="take a bag's message nearest to this time, s"
+    )
+    group.add_argument(
+        "--robot-mask", metavar="FILE", help="image, nonzero where the robot's own arm is seen"
+    )
+
+
+def add_target(parser: argparse.ArgumentParser) -> None:
+    """Which object is wanted; else the capture's own mask or pixel."""
+    group = parser.add_argument_group("target").add_mutually_exclusive_group()
+    group.add_argument("--pixel", type=int, nargs=2, metavar=("U", "V"), help="column and row")
+    group.add_argument("--mask", metavar="FILE", help="image, nonzero on the target")
+    group.add_argument(
+        "--point", type=float, nargs=3, metavar=("X", "Y", "Z"), help="base frame, m"
+    )
+    group.add_argument(
+        "--object", type=int, metavar="N", help="number of `boxgrasp objects`, 1 is the nearest"
+    )
+
+
+def add_config(parser: argparse.ArgumentParser) -> None:
+    """What to run with; an option here wins over the configuration file."""
+    group = parser.add_argument_group("configuration")
+    group.add_argument("--config", metavar="FILE", help="YAML as `boxgrasp config` prints it")
+    group.add_argument("--gripper", metavar="FILE", help="YAML of a gripper")
+    group.add_argument("--faces", metavar="front,right", help="only these faces may be chosen")
+    group.add_argument("--chooser", metavar="NAME", help="who orders the options")
+    group.add_argument(
+        "--unchecked", action="store_true", help="the chooser's word alone, without the check"
+    )
+
+
+def add_scans(parser: argparse.ArgumentParser) -> None:
+    """What else is known of the scene."""
+    group = parser.add_argument_group("more of the same scene")
+    group.add_argument(
+        "--scan",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="CAPTURE",
+        help="further views, all with T_base_camera",
+    )
+    group.add_argument("--octomap", metavar="FILE", help="map of the scene, .bt or .ot, base frame")
+
+
+def resolve_config(args: argparse.Namespace) -> Config:
+    """File and options together."""
+    from boxgrasp.config import load_config, load_gripper
+
+    config: dict[str, Any] = plain_config(load_config(args.config))
+    if args.gripper:
+        config["gripper"] = plain_config(load_gripper(args.gripper))
+    if args.faces:
+        config["options"]["faces"] = [face.strip() for face in args.faces.split(",")]
+    if args.chooser:
+        config["chooser"] = args.chooser
+    if args.unchecked:
+        config["unchecked"] = True
+    return load_config(config)
+
+
+def plain_config(config: Any) -> dict[str, Any]:
+    """A configuration as nested dictionaries."""
+    from boxgrasp.strict import plain
+
+    values: dict[str, Any] = plain(config)
+    return values
+
+
+def load_capture(path: str, args: argparse.Namespace) -> Capture:
+    """The capture at a path, read as the options say."""
+    from boxgrasp.capture import Capture
+
+    capture = Capture.load(path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp)
+    return _without_robot(capture, read_mask(args.robot_mask)) if args.robot_mask else capture
+
+
+def target_of(args: argparse.Namespace) -> Target | None:
+    """The target that the options name, or None for the capture's own."""
+    from boxgrasp.target import Target
+
+    if args.mask:
+        return Target(mask=read_mask(args.mask))
+    if args.pixel:
+        return Target(pixel=tuple(args.pixel))
+    if args.point:
+        return Target(point=tuple(args.point))
+    return Target(object=args.object) if args.object is not None else None
+
+
+def read_mask(path: str) -> NDArray[np.bool_]:
+    """(H, W) bool of a PNG, True where it is not black.
+
+    Raises:
+        TargetError: not such an image.
+    """
+    from boxgrasp.errors import BoxgraspError, TargetError
+    from boxgrasp.io.images import read_mask as read
+
+    try:
+        return read(Path(path))
+    except BoxgraspError as error:
+        raise TargetError(f"{path}: {error}") from None
+    except (OSError, ValueError, SyntaxError) as error:
+        what = getattr(error, "strerror", None) or "damaged image"
+        raise TargetError(f"{path}: {what}; valid: a PNG, not black on the object") from None
+
+
+def _without_robot(capture: Capture, mask: NDArray[np.bool_]) -> Capture:
+    import numpy as np
+
+    from boxgrasp.capture import Capture
+
+    given: dict[str, Any] = {"T_base_camera": capture.T_base_camera, "mask": capture.mask}
+    given |= {"target_pixel": capture.target_pixel, "robot_mask": mask}
+    if capture.depth is not None:
+        masked = Capture(capture.depth, capture.intrinsics, rgb=capture.rgb, **given)
+    else:
+        points, colors = capture.points, capture.colors
+        if capture.cloud_shape is not None and points is not None:
+            points = points.reshape(*capture.cloud_shape, 3)
+            colors = colors.reshape(*capture.cloud_shape, 3) if colors is not None else None
+        masked = Capture.from_cloud(
+            np.asarray(points), colors=colors, cloud_frame=capture.cloud_frame, **given
+        )
+    object.__setattr__(masked, "notes", capture.notes)  # what was mended is not seen twice
+    return masked
+
+
+def numbered(path: str, number: int, count: int) -> Path:
+    """OUT.png for one picture, OUT_1.png, OUT_2.png ... for several."""
+    place = Path(path)
+    return place if count == 1 else place.with_name(f"{place.stem}_{number}{place.suffix}")

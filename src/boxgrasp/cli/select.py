@@ -1,0 +1,44 @@
+"""Choose a grasp for the target of each CAPTURE, or ask for help.
+
+Without --json a short summary; with it one JSON object a line a capture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+
+from boxgrasp.cli import _arguments, _batch
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    _arguments.add_captures(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object a line a capture")
+    parser.add_argument("--picture", metavar="OUT.png", help="draw what was chosen and why")
+    _arguments.add_target(parser)
+    _arguments.add_scans(parser)
+    _arguments.add_config(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Answer each capture."""
+    from boxgrasp.cli._report import summary
+    from boxgrasp.select import GraspSelector
+
+    selector = GraspSelector(_arguments.resolve_config(args))
+    target = _arguments.target_of(args)
+    scans = [_arguments.load_capture(path, args) for path in args.scan]
+
+    def answer(number: int, path: str) -> None:
+        capture = _arguments.load_capture(path, args)
+        selection = selector.select(capture, target, scans=scans, octomap=args.octomap)
+        selection = dataclasses.replace(selection, capture=path)
+        print(selection.to_json() if args.json else summary(selection), flush=True)
+        if args.picture:
+            from boxgrasp.draw import draw_selection
+
+            place = _arguments.numbered(args.picture, number, len(args.captures))
+            draw_selection(capture, selection, place)
+
+    return _batch.each(args.captures, answer)
