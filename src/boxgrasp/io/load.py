@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ from boxgrasp.capture import CLOUD_FRAMES, Capture, CloudFrame
 from boxgrasp.errors import BoxgraspError, CaptureError, MissingExtraError
 
 _LONGEST: Final = 300
+_log = logging.getLogger("boxgrasp.io")
 _VALID: Final = ".npz, .pcd, .ply, .bag, .db3, .mcap"
 
 
@@ -33,21 +35,21 @@ def load_capture(
     except MissingExtraError:
         raise
     except BoxgraspError as error:
-        raise CaptureError(_one_line(f"{place}: {error}")) from None
+        what = str(error)
     except MemoryError:
-        raise CaptureError(_one_line(f"{place}: too large for the memory there is")) from None
+        what = "too large for the memory there is"
     except OSError as error:
-        what = error.strerror or str(error) or type(error).__name__
-        raise CaptureError(_one_line(f"{place}: cannot be read: {what}")) from None
+        what = f"cannot be read: {error.strerror or error or type(error).__name__}"
     # A damaged file makes its decoder raise nearly anything; the caller gets one kind of error.
     except Exception as error:
-        what = f"{type(error).__name__}: {error}"
-        raise CaptureError(_one_line(f"{place}: damaged or no such format: {what}")) from error
+        _log.debug("%s: no capture", place, exc_info=True)
+        what = f"damaged, or another format than its name says: {type(error).__name__}: {error}"
+    raise CaptureError(f"{_line(str(place))}: {_line(what)[:_LONGEST]}")
 
 
-def _one_line(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= _LONGEST else line[: _LONGEST - 3] + "..."
+def _line(text: str) -> str:
+    """The text on one line, without what a terminal would obey."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _reader(

@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+_BESIDE = Path(__file__).resolve().parents[2] / "shared" / "captures"
+
+
+@pytest.fixture(scope="session")
+def captures_dir() -> Path:
+    """The folder of real captures, which do not ship with the package."""
+    folder = Path(os.environ.get("BOXGRASP_CAPTURES", _BESIDE))
+    if not folder.is_dir():
+        pytest.skip(f"no real captures in {folder} (set BOXGRASP_CAPTURES)")
+    return folder
