@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from boxgrasp.capture import Capture
     from boxgrasp.config import Config
+    from boxgrasp.occupancy import MapCells
     from boxgrasp.target import Target
 
 
@@ -113,6 +114,16 @@ def load_capture(path: str, args: argparse.Namespace) -> Capture:
 
     capture = Capture.load(path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp)
     return _without_robot(capture, read_mask(args.robot_mask)) if args.robot_mask else capture
+
+
+def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells | None]:
+    """Further scans and the map, as the options name them."""
+    octomap = None
+    if args.octomap:
+        from boxgrasp.io.octomap import read_octomap
+
+        octomap = read_octomap(args.octomap)
+    return [load_capture(path, args) for path in args.scan], octomap
 
 
 def target_of(args: argparse.Namespace) -> Target | None:

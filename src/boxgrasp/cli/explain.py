@@ -27,11 +27,11 @@ def run(args: argparse.Namespace) -> int:
 
     selector = GraspSelector(_arguments.resolve_config(args))
     target = _arguments.target_of(args)
-    scans = [_arguments.load_capture(path, args) for path in args.scan]
+    scans, octomap = _arguments.load_surroundings(args)
 
     def explain(number: int, path: str) -> None:
         capture = _arguments.load_capture(path, args)
-        selection = selector.select(capture, target, scans=scans, octomap=args.octomap)
+        selection = selector.select(capture, target, scans=scans, octomap=octomap)
         selection = dataclasses.replace(selection, capture=path)
         print(f"{summary(selection)}\n\n{options_table(selection)}", flush=True)
 

@@ -28,17 +28,17 @@ def run(args: argparse.Namespace) -> int:
 
     selector = GraspSelector(_arguments.resolve_config(args))
     target = _arguments.target_of(args)
-    scans = [_arguments.load_capture(path, args) for path in args.scan]
+    scans, octomap = _arguments.load_surroundings(args)
 
     def answer(number: int, path: str) -> None:
         capture = _arguments.load_capture(path, args)
-        selection = selector.select(capture, target, scans=scans, octomap=args.octomap)
+        selection = selector.select(capture, target, scans=scans, octomap=octomap)
         selection = dataclasses.replace(selection, capture=path)
         print(selection.to_json() if args.json else summary(selection), flush=True)
         if args.picture:
             from boxgrasp.draw import draw_selection
 
             place = _arguments.numbered(args.picture, number, len(args.captures))
-            draw_selection(capture, selection, place)
+            draw_selection(capture, selection, place, gripper=selector.config.gripper)
 
     return _batch.each(args.captures, answer)

@@ -17,15 +17,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OUT.png",
         help="where to draw (default: ANSWERS.png; several answers are numbered)",
     )
+    parser.add_argument("--gripper", metavar="FILE", help="the hand that was selected for")
     _arguments.add_reading(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Draw each answer and print the pictures' paths."""
+    from boxgrasp.config import load_gripper
+
     try:
         lines = [line for line in Path(args.answers).read_text("utf-8").splitlines() if line]
     except (OSError, UnicodeDecodeError) as error:
         raise BoxgraspError(f"{args.answers}: {getattr(error, 'strerror', 'not text')}") from None
+    gripper = load_gripper(args.gripper) if args.gripper else None
     out = args.picture or str(Path(args.answers).with_suffix(".png"))
 
     def draw(number: int, line: str) -> None:
@@ -37,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
             raise BoxgraspError("the answer names no capture; valid: answers of boxgrasp select")
         capture = _arguments.load_capture(_find(selection.capture, args.answers), args)
         place = _arguments.numbered(out, number, len(lines))
-        draw_selection(capture, selection, place)
+        draw_selection(capture, selection, place, gripper=gripper)
         print(place, flush=True)
 
     if not lines:
