@@ -1,0 +1,53 @@
+"""The main job in one go: cast a cluttered table (or take CAPTUREs), select, write the picture."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from boxgrasp.cli import _arguments, _batch
+
+if TYPE_CHECKING:
+    from boxgrasp.capture import Capture
+
+PICTURE = "out/demo.png"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    _arguments.add_captures(parser, nargs="*")
+    parser.add_argument(
+        "--picture", metavar="OUT.png", default=PICTURE, help=f"where to draw (default: {PICTURE})"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="which table to cast")
+    _arguments.add_target(parser)
+    _arguments.add_config(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Select, draw, and print the summary and the picture's path."""
+    from boxgrasp.cli._report import summary
+    from boxgrasp.draw import draw_selection
+    from boxgrasp.select import GraspSelector
+
+    selector = GraspSelector(_arguments.resolve_config(args))
+    target = _arguments.target_of(args)
+    names = args.captures or [f"cast table {args.seed}"]
+
+    def demonstrate(number: int, name: str) -> None:
+        capture = _arguments.load_capture(name, args) if args.captures else _cast(args.seed)
+        selection = dataclasses.replace(selector.select(capture, target), capture=name)
+        place = _arguments.numbered(args.picture, number, len(names))
+        Path(place).parent.mkdir(parents=True, exist_ok=True)
+        draw_selection(capture, selection, place, gripper=selector.config.gripper)
+        print(f"{summary(selection)}\n{place}", flush=True)
+
+    return _batch.each(names, demonstrate)
+
+
+def _cast(seed: int) -> Capture:
+    from boxgrasp.simulate import demo_capture
+
+    return demo_capture(seed)
