@@ -43,12 +43,12 @@ class SceneConfig:
     voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
     cluster_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
     segmentation: Literal["split", "euclidean"] = "split"
-    lowest_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.004
-    noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 3.0
+    lowest_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
+    noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
     highest_m: Metres = 1.0
     outlier_neighbours: Annotated[int, Meta(ge=1, le=100)] = 8
     outlier_sigma: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
-    least_points: Annotated[int, Meta(ge=1)] = 40
+    least_points: Annotated[int, Meta(ge=1)] = 20
     workspace_m: tuple[Corner, Corner] | None = None
 
 

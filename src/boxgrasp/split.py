@@ -1,4 +1,12 @@
-"""Part things that stand closer than the Euclidean rule can tell."""
+"""Part things that stand closer than the Euclidean rule can tell, by how they look from above.
+
+Things that stand on a table differ in the height of their tops, leave a notch in their common
+outline, or differ in colour. Each Euclidean cluster is laid out in plan: cells join into patches
+unless the top steps (a depth edge or a concave crease in the view) or the colour does. Scraps and
+patches that another one encloses (a cap, a rim, a handle) go back to it, and so does a step whose
+lower side is not level: a bottle's shoulder is no other thing, a box before a bottle is. What is
+left with a narrow neck in an outline that is not convex is cut there.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +14,190 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.frames import Points
+from boxgrasp.kernels.plan import borders, grow, inward, patches, plan_grid
+
+_CELL_M = 0.004
+_STEP_M = 0.012
+_TINT_STEP = 0.25
+_LEAST_M2 = 0.0009  # a smaller patch is a scrap of its neighbour
+_ENCLOSED = 0.42  # share of its outline on a neighbour from which a patch is part of it
+_EVEN_SHARE = 0.8  # of the plan in large even-coloured patches, for colour to count
+_EVEN_TINT = 0.02
+_NOTCHED = 0.86  # parts must fill their outlines this much better than the whole
+_CONVEX = 0.90
+_LEVEL_M = 0.008  # spread of heights (10 % to 90 %) up to which a top is level
+
+Labels = NDArray[np.int64]
 
 
-def split_clusters(
-    points: Points, labels: NDArray[np.int64], colours: Points | None
-) -> NDArray[np.int64]:
-    return labels
+def split_clusters(points: Points, labels: Labels, colours: Points | None) -> Labels:
+    """Labels (K,) with clusters parted; new ones get new numbers, -1 stays.
+
+    points: (K, 3) float32 in the table frame (z = 0 on the plane); colours: (K, 3) of 0..255 with
+    NaN where unknown, or None.
+    """
+    parted = labels.copy()
+    tints = _tints(points, colours)
+    following = int(labels.max(initial=-1)) + 1
+    order = np.argsort(labels, kind="stable")
+    edges = np.searchsorted(labels[order], np.arange(following + 1))
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        rows = order[start:stop]
+        if len(rows) < 2 * _LEAST_M2 / _CELL_M**2:
+            continue
+        pieces = _pieces(np.ascontiguousarray(points[rows]), np.ascontiguousarray(tints[rows]))
+        for piece in range(1, int(pieces.max()) + 1):
+            parted[rows[pieces == piece]] = following
+            following += 1
+    return parted
+
+
+def _tints(points: Points, colours: Points | None) -> Points:
+    """(K, 3) shares of red, green and blue: what shading leaves as it is."""
+    if colours is None:
+        return np.full((len(points), 3), np.nan, dtype=np.float32)
+    return (colours / np.maximum(colours.sum(axis=1, keepdims=True), 30.0)).astype(np.float32)
+
+
+def _pieces(points: Points, tints: Points) -> Labels:
+    """(N,) piece of each point of one cluster, from 0."""
+    top, tint, cells = plan_grid(points, tints, _CELL_M)
+    least = max(2, round(_LEAST_M2 / _CELL_M**2))
+    label = patches(top, tint, _STEP_M, np.inf)
+    label = _joined(label, least, *_tops(label, top))
+    if np.isfinite(tint).any():
+        coloured = patches(top, tint, _STEP_M, _TINT_STEP)
+        if _even(coloured, tint, least):
+            always = np.ones(int(coloured.max()) + 1, dtype=bool)
+            label = _joined(coloured, least, always, always.astype(np.float64))
+    label = _cut_necks(label, least)
+    return label[cells[:, 0], cells[:, 1]]
+
+
+def _even(label: Labels, tint: Points, least: int) -> bool:
+    """Whether nearly the whole plan lies in large patches of one plain colour each."""
+    even, total = 0, 0
+    for k in range(int(label.max()) + 1):
+        cells = tint[label == k]
+        total += len(cells)
+        if len(cells) >= least and float(np.nanstd(cells, axis=0).max()) <= _EVEN_TINT:
+            even += len(cells)
+    return even >= _EVEN_SHARE * total
+
+
+def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Whether each patch is level, and its middle height."""
+    cells = [top[label == k] for k in range(int(label.max()) + 1)]
+    spread = [float(np.quantile(c, 0.9) - np.quantile(c, 0.1)) for c in cells]
+    return np.array(spread) <= _LEVEL_M, np.array([float(np.median(c)) for c in cells])
+
+
+def _joined(
+    label: Labels, least: int, level: NDArray[np.bool_], height: NDArray[np.float64]
+) -> Labels:
+    """Patches with scraps, enclosed ones and unlevel steps given to their main neighbour."""
+    count = int(label.max()) + 1
+    table = borders(label, count)
+    owner = np.arange(count)
+    alive = list(range(count))
+    while len(alive) > 1:
+        best = None
+        for a in alive:
+            area = int(table[a, a])
+            sides = table[a].copy()
+            sides[a] = 0
+            outline = int(sides.sum())
+            sides[count] = 0
+            b = int(np.argmax(sides))
+            if sides[b] == 0:
+                continue
+            scrap = area < least
+            enclosed = sides[b] > _ENCLOSED * outline and area <= table[b, b]
+            lower = a if height[a] < height[b] else b
+            if (scrap or enclosed or not level[lower]) and (best is None or (area, a) < best[:2]):
+                best = (area, a, b)
+        if best is None:
+            break
+        _, a, b = best
+        area = table[a, a] + table[b, b]
+        table[b] += table[a]
+        table[:, b] += table[:, a]
+        table[b, b] = area
+        table[a] = 0
+        table[:, a] = 0
+        owner[owner == a] = b
+        alive.remove(a)
+    names = np.full(count, -1, dtype=np.int64)
+    big = [a for a in alive if table[a, a] >= least] or [max(alive, key=lambda a: table[a, a])]
+    for number, a in enumerate(big):
+        names[a] = number
+    mapped = np.where(label >= 0, names[owner[np.maximum(label, 0)]], -1)
+    return grow_rest(mapped, label >= 0)
+
+
+def grow_rest(mapped: Labels, inside: NDArray[np.bool_]) -> Labels:
+    """Cells left without a patch (lone scraps) go to the nearest one, by cell distance."""
+    lost = np.argwhere(inside & (mapped < 0))
+    if len(lost) == 0:
+        return mapped
+    held = np.argwhere(mapped >= 0)
+    filled = mapped.copy()
+    for x, y in lost.tolist():
+        away = (held[:, 0] - x) ** 2 + (held[:, 1] - y) ** 2
+        near = held[int(np.argmin(away))]
+        filled[x, y] = mapped[near[0], near[1]]
+    return filled
+
+
+def _cut_necks(label: Labels, least: int) -> Labels:
+    """Patches whose outline is notched are cut at the neck, if both parts come out convex."""
+    following = int(label.max()) + 1
+    for patch in range(following):
+        inside = label == patch
+        whole = _hull_area(inside)
+        if np.count_nonzero(inside) < 2 * least or np.count_nonzero(inside) > _NOTCHED * whole:
+            continue
+        steps = inward(inside)
+        for width in range(1, int(steps.max())):
+            cores = patches(
+                np.where(steps > width, np.float32(0), np.float32(np.nan)),
+                np.zeros((*steps.shape, 3), dtype=np.float32),
+                1.0,
+                np.inf,
+            )
+            if cores.max() < 1:
+                continue
+            parts = grow(cores, inside)
+            sizes = np.bincount(parts[parts >= 0])
+            hulls = [_hull_area(parts == k) for k in range(len(sizes))]
+            convex = all(s >= _CONVEX * h for s, h in zip(sizes, hulls, strict=True))
+            if len(sizes) == 2 and sizes.min() >= least and convex and sum(hulls) < _NOTCHED * whole:
+                label = np.where(parts == 1, following, label)
+                following += 1
+            break
+    return label
+
+
+def _hull_area(inside: NDArray[np.bool_]) -> float:
+    """Area in cells of the convex hull of the cells (Andrew's monotone chain)."""
+    rows = np.flatnonzero(inside.any(axis=1))
+    if len(rows) == 0:
+        return 0.0
+    first = np.argmax(inside[rows], axis=1)
+    last = inside.shape[1] - np.argmax(inside[rows, ::-1], axis=1)
+    ends = [(float(r + d), float(c)) for r, f, l in zip(rows, first, last, strict=True) for d in (0, 1) for c in (f, l)]
+    ends = sorted(set(ends))
+    hull: list[tuple[float, float]] = []
+    for chain in (ends, ends[::-1]):
+        part: list[tuple[float, float]] = []
+        for p in chain:
+            while len(part) > 1 and _turn(part[-2], part[-1], p) <= 0:
+                part.pop()
+            part.append(p)
+        hull += part[:-1]
+    x, y = np.array(hull).T
+    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

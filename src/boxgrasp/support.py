@@ -167,22 +167,31 @@ def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray
     points: (N, 3) of the view in the source frame.
     """
     local = transform(invert(T_source_table), points[:: max(1, len(points) // 20_000)])
-    return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above)
+    return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above, margin=3)
 
 
-def _over_patch(on: Points, above: Points) -> NDArray[np.bool_]:
-    """Whether each point lies over 5 cm cells that hold plane points, or over their span."""
+def _over_patch(on: Points, above: Points, margin: int = 0) -> NDArray[np.bool_]:
+    """Whether each point lies over 5 cm cells that hold plane points, or over their span.
+
+    margin: how many cells beyond it still count, for what stands on the hidden rim.
+    """
     inside = np.zeros(len(above), dtype=bool)
     if len(on) == 0 or len(above) == 0:
         return inside
     cells = np.floor(on[:, :2] / _CELL_M).astype(np.int64)
-    lowest = cells.min(axis=0) - 1
-    shape = cells.max(axis=0) - lowest + 2
+    lowest = cells.min(axis=0) - 1 - margin
+    shape = cells.max(axis=0) - lowest + 2 + margin
     if np.any(shape > 2000):
         return inside
     patch = np.zeros(shape, dtype=bool)
     patch[tuple((cells - lowest).T)] = True
     filled = _spans(patch)
+    for _ in range(margin):
+        grown = filled.copy()
+        for axis in (0, 1):
+            for by in (1, -1):  # the border is empty, so nothing rolls over
+                grown |= np.roll(filled, by, axis)
+        filled = grown
     at = np.floor(above[:, :2] / _CELL_M).astype(np.int64) - lowest
     inside = np.all((at >= 0) & (at < shape), axis=1)
     inside[inside] = filled[tuple(at[inside].T)]

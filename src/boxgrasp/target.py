@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from boxgrasp.capture import Capture
 from boxgrasp.errors import TargetError
+from boxgrasp.frames import transform
 from boxgrasp.kernels.cells import euclidean_clusters
 from boxgrasp.scene import Scene
 
 _PIXEL_REACH = 5
 _POINT_REACH_M = 0.03
 _MASK_JOIN_M = 0.03
+_CLEARLY_M = 0.006
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +120,22 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
     first = np.lexsort((columns, rows, number <= 0, off))[0]
     if number[first] > 0:
         return int(number[first])
-    near = (off <= 2) & (number > 0)  # a trimmed pixel inside an object
-    if number[first] == -1 and np.count_nonzero(near) >= 3:
-        return int(np.bincount(number[near]).argmax())
+    near = np.flatnonzero(number > 0)
+    if number[first] < 1 and len(near) and _off_plane(scene, (v0 + rows[first]) * width + u0 + columns[first]):
+        return int(number[near[np.argmin(off[near])]])  # a trimmed pixel beside or inside one
     if number[first] == 0:
         raise TargetError(
             f"pixel {u} {v} is on no object: too small, out of range or off the support plane; "
             "valid: an object that `boxgrasp objects` lists (see scene.near_m, scene.far_m)"
         )
     raise TargetError(f"pixel {u} {v} is on the table or behind it; valid: a pixel on an object")
+
+
+def _off_plane(scene: Scene, pixel: int) -> bool:
+    """Whether a pixel's point is clearly no part of the support plane."""
+    row = np.searchsorted(scene.pixels, pixel)
+    point = transform(scene.T_base_source, scene.source_points[row : row + 1])
+    return bool(scene.plane.heights(point)[0] > _CLEARLY_M)
 
 
 def _checked_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:

@@ -1,0 +1,166 @@
+"""A cluster seen from above: top heights, patches of even height or colour, their borders."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.frames import Points
+from boxgrasp.kernels._jit import jit
+
+_TOP_BAND_M = 0.012
+
+
+@jit
+def plan_grid(
+    points: Points, tints: Points, cell_m: float
+) -> tuple[Points, Points, NDArray[np.int64]]:
+    """(nx, ny) top height, (nx, ny, 3) mean tint near the top, (N, 2) cell of each point.
+
+    Empty cells are NaN; so is the tint where no point near the top has one.
+    """
+    count = points.shape[0]
+    cells = np.empty((count, 2), dtype=np.int64)
+    low_x, low_y = 1 << 40, 1 << 40
+    high_x, high_y = -(1 << 40), -(1 << 40)
+    for i in range(count):
+        cells[i, 0] = int(np.floor(points[i, 0] / cell_m))
+        cells[i, 1] = int(np.floor(points[i, 1] / cell_m))
+        low_x, high_x = min(low_x, cells[i, 0]), max(high_x, cells[i, 0])
+        low_y, high_y = min(low_y, cells[i, 1]), max(high_y, cells[i, 1])
+    top = np.full((high_x - low_x + 3, high_y - low_y + 3), np.float32(np.nan))
+    tint = np.zeros((top.shape[0], top.shape[1], 3), dtype=np.float32)
+    hits = np.zeros(top.shape, dtype=np.int64)
+    for i in range(count):
+        cells[i, 0] -= low_x - 1
+        cells[i, 1] -= low_y - 1
+        x, y = cells[i, 0], cells[i, 1]
+        if not top[x, y] >= points[i, 2]:
+            top[x, y] = points[i, 2]
+    for i in range(count):
+        x, y = cells[i, 0], cells[i, 1]
+        if points[i, 2] > top[x, y] - _TOP_BAND_M and tints[i, 0] == tints[i, 0]:
+            hits[x, y] += 1
+            for k in range(3):
+                tint[x, y, k] += tints[i, k]
+    for x in range(top.shape[0]):
+        for y in range(top.shape[1]):
+            for k in range(3):
+                tint[x, y, k] = tint[x, y, k] / hits[x, y] if hits[x, y] else np.nan
+    return top, tint, cells
+
+
+@jit
+def patches(top: Points, tint: Points, step_m: float, tint_step: float) -> NDArray[np.int64]:
+    """(nx, ny) patch of each cell, -1 empty: neighbours join unless height or tint steps."""
+    nx, ny = top.shape
+    label = np.full((nx, ny), -1, dtype=np.int64)
+    stack = np.empty((nx * ny, 2), dtype=np.int64)
+    found = 0
+    for x0 in range(nx):
+        for y0 in range(ny):
+            if label[x0, y0] != -1 or top[x0, y0] != top[x0, y0]:
+                continue
+            label[x0, y0] = found
+            stack[0, 0], stack[0, 1] = x0, y0
+            depth = 1
+            while depth > 0:
+                depth -= 1
+                x, y = stack[depth, 0], stack[depth, 1]
+                for dx in range(-1, 2):
+                    for dy in range(-1, 2):
+                        a, b = x + dx, y + dy
+                        if a < 0 or b < 0 or a >= nx or b >= ny or label[a, b] != -1:
+                            continue
+                        if not abs(top[a, b] - top[x, y]) <= step_m:
+                            continue
+                        away = 0.0
+                        for k in range(3):
+                            away += abs(tint[a, b, k] - tint[x, y, k])
+                        if away > tint_step:  # NaN, an unknown tint, joins
+                            continue
+                        label[a, b] = found
+                        stack[depth, 0], stack[depth, 1] = a, b
+                        depth += 1
+            found += 1
+    return label
+
+
+@jit
+def borders(label: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """(count + 1, count + 1) cell sides between patches, the last row and column for outside.
+
+    The diagonal holds each patch's area in cells.
+    """
+    table = np.zeros((count + 1, count + 1), dtype=np.int64)
+    nx, ny = label.shape
+    for x in range(nx):
+        for y in range(ny):
+            a = label[x, y]
+            if a >= 0:
+                table[a, a] += 1
+            for k in range(2):
+                u, v = (x + 1, y) if k == 0 else (x, y + 1)
+                if u >= nx or v >= ny:
+                    continue
+                b = label[u, v]
+                if a != b:
+                    i = a if a >= 0 else count
+                    j = b if b >= 0 else count
+                    table[i, j] += 1
+                    table[j, i] += 1
+    return table
+
+
+@jit
+def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(nx, ny) steps (8-neighbour) from each inside cell to the outside; 0 outside."""
+    nx, ny = inside.shape
+    far = nx + ny
+    steps = np.zeros((nx, ny), dtype=np.int64)
+    for x in range(nx):
+        for y in range(ny):
+            if inside[x, y]:
+                least = far
+                if x == 0 or y == 0 or x == nx - 1 or y == ny - 1:
+                    least = 0
+                else:
+                    least = min(
+                        steps[x - 1, y], steps[x, y - 1], steps[x - 1, y - 1], steps[x - 1, y + 1]
+                    )
+                steps[x, y] = least + 1
+    for x in range(nx - 1, -1, -1):
+        for y in range(ny - 1, -1, -1):
+            if inside[x, y]:
+                least = 0
+                if 0 < x < nx - 1 and 0 < y < ny - 1:
+                    least = min(
+                        steps[x + 1, y], steps[x, y + 1], steps[x + 1, y + 1], steps[x + 1, y - 1]
+                    )
+                steps[x, y] = min(steps[x, y], least + 1)
+    return steps
+
+
+@jit
+def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Seeds (-1 none) grown over the inside cells, ring by ring; the lower number wins a tie."""
+    label = seeds.copy()
+    nx, ny = label.shape
+    changed = True
+    while changed:
+        changed = False
+        before = label.copy()
+        for x in range(nx):
+            for y in range(ny):
+                if not inside[x, y] or before[x, y] != -1:
+                    continue
+                best = 1 << 60
+                for dx in range(-1, 2):
+                    for dy in range(-1, 2):
+                        a, b = x + dx, y + dy
+                        if 0 <= a < nx and 0 <= b < ny and before[a, b] >= 0:
+                            best = min(best, before[a, b])
+                if best < 1 << 60:
+                    label[x, y] = best
+                    changed = True
+    return label
