@@ -245,9 +245,10 @@ def _check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
     if farthest == np.inf:
         odd += int(np.count_nonzero(clean == np.inf))
         clean[clean == np.inf] = 0
-    measured = int(np.count_nonzero(clean))
+    measured, beyond = int(np.count_nonzero(clean)), 0
     if farthest > _MILLIMETRES_ABOVE_M:  # rare, so the passes below cost nothing as a rule
         millimetres = int(np.count_nonzero(clean > _MILLIMETRES_ABOVE_M))
+        beyond = int(np.count_nonzero(clean > FARTHEST_M))
         clean[clean > FARTHEST_M] = 0
     if odd > _BAD_SHARE * depth.size:
         raise CaptureError(
@@ -256,11 +257,14 @@ def _check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
         )
     if 2 * millimetres > measured:
         raise CaptureError(_looks_like_millimetres("depth"))
-    if measured == 0:
+    if measured == beyond:
         raise CaptureError("depth is missing at every pixel; valid: metres, above 0 where measured")
-    if odd == 0:
-        return clean, ()
-    return clean, (f"{odd} negative or infinite depths of {depth.size} taken as missing",)
+    notes = []
+    if odd:
+        notes.append(f"{odd} negative or infinite depths of {depth.size} taken as missing")
+    if beyond:
+        notes.append(f"{beyond} depths above {FARTHEST_M} m of {depth.size} taken as missing")
+    return clean, tuple(notes)
 
 
 def _looks_like_millimetres(name: str) -> str:

@@ -39,7 +39,7 @@ def load_capture(
     except MemoryError:
         what = "too large for the memory there is"
     except OSError as error:
-        what = f"cannot be read: {error.strerror or error or type(error).__name__}"
+        what = f"cannot be read: {error.strerror or str(error) or type(error).__name__}"
     # A damaged file makes its decoder raise nearly anything; the caller gets one kind of error.
     except Exception as error:
         _log.debug("%s: no capture", place, exc_info=True)
