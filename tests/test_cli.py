@@ -249,7 +249,7 @@ def test_unchecked_always_grasps(table: str, capsys: pytest.CaptureFixture[str])
 
 def test_gripper_file(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "hand.yaml"
-    path.write_text("{opening_m: 0.001}")
+    path.write_text("{opening_m: 0.01}")
     assert main(["select", "--json", table, "--gripper", str(path)]) == 0
     (answer,) = answers(capsys.readouterr().out)
     assert answer["status"] == "ask"

@@ -1,0 +1,20 @@
+"""Arrays in, a checked gripper pose out."""
+
+from boxgrasp import Capture, GraspSelector
+from boxgrasp.simulate import demo_capture
+
+view = demo_capture()  # stands for your camera
+
+capture = Capture(
+    view.depth,  # (480, 640) float32, metres, 0 where missing
+    view.intrinsics,  # (3, 3), pixels
+    view.T_base_camera,  # (4, 4), maps camera into base coordinates; None is allowed
+    target_pixel=view.target_pixel,  # (u, v) on the wanted object
+)
+selection = GraspSelector().select(capture)
+
+print("status:", selection.status)
+print("reason:", selection.reason)
+if selection.status == "grasp":
+    print("T_base_gripper:\n", selection.T_base_gripper)
+    print(f"clearance: {100 * selection.clearance_m:.1f} cm")
