@@ -1,0 +1,103 @@
+"""One ray a pixel against boxes, cylinders and horizontal planes: depth and the solid it meets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from boxgrasp.frames import Array
+from boxgrasp.kernels._jit import jit
+
+BOX, CYLINDER, PLANE = 0, 1, 2
+
+
+@jit
+def raycast(
+    kinds: Array,
+    rotations: Array,
+    origins: Array,
+    sizes: Array,
+    rectangles: Array,
+    focal: Array,
+    row_start: int,
+    row_stop: int,
+    depth: Array,
+    index: Array,
+) -> None:
+    """Nearest surface of P solids for the pixels of rows [row_start, row_stop).
+
+    kinds (P,) int; rotations (P, 3, 3) and origins (P, 3): the camera's frame seen from each
+    solid's; sizes (P, 3) half lengths (box), radius, radius, half height (cylinder), unused (plane);
+    rectangles (P, 4) pixel bounds u0, u1, v0, v1, half open; focal (4,) fx, fy, cx, cy.
+    Fills depth (H, W) float64 m (z, not range; infinity where nothing is) and index (H, W) int32,
+    which must come in as infinity and -1.
+    """
+    fx, fy, cx, cy = focal[0], focal[1], focal[2], focal[3]
+    for p in range(kinds.shape[0]):
+        kind = kinds[p]
+        r = rotations[p]
+        ox, oy, oz = origins[p, 0], origins[p, 1], origins[p, 2]
+        hx, hy, hz = sizes[p, 0], sizes[p, 1], sizes[p, 2]
+        c = ox * ox + oy * oy - hx * hx
+        for v in range(max(row_start, rectangles[p, 2]), min(row_stop, rectangles[p, 3])):
+            b = (v - cy) / fy
+            ax = r[0, 1] * b + r[0, 2]
+            ay = r[1, 1] * b + r[1, 2]
+            az = r[2, 1] * b + r[2, 2]
+            for u in range(rectangles[p, 0], rectangles[p, 1]):
+                a = (u - cx) / fx
+                dz = r[2, 0] * a + az
+                near, far = -np.inf, np.inf
+                # Every solid is convex: the ray is inside between `near` and `far`.
+                if kind == PLANE:
+                    if dz == 0.0:
+                        continue
+                    near = -oz / dz
+                    far = near
+                else:
+                    dx = r[0, 0] * a + ax
+                    dy = r[1, 0] * a + ay
+                    if dz == 0.0:
+                        if abs(oz) > hz:
+                            continue
+                    else:
+                        inverse = 1.0 / dz
+                        half = abs(hz * inverse)
+                        middle = -oz * inverse
+                        near, far = middle - half, middle + half
+                    if kind == BOX:
+                        if dx == 0.0:
+                            if abs(ox) > hx:
+                                continue
+                        else:
+                            inverse = 1.0 / dx
+                            half = abs(hx * inverse)
+                            middle = -ox * inverse
+                            near, far = max(near, middle - half), min(far, middle + half)
+                        if dy == 0.0:
+                            if abs(oy) > hy:
+                                continue
+                        else:
+                            inverse = 1.0 / dy
+                            half = abs(hy * inverse)
+                            middle = -oy * inverse
+                            near, far = max(near, middle - half), min(far, middle + half)
+                    else:
+                        square = dx * dx + dy * dy
+                        if square == 0.0:
+                            if c > 0.0:
+                                continue
+                        else:
+                            linear = ox * dx + oy * dy
+                            root = linear * linear - square * c
+                            if root < 0.0:
+                                continue
+                            root = np.sqrt(root)
+                            near = max(near, (-linear - root) / square)
+                            far = min(far, (-linear + root) / square)
+                    if near > far:
+                        continue
+                # From within a solid its far wall is seen.
+                z = near if near > 0.0 else far
+                if 0.0 < z < depth[v, u]:
+                    depth[v, u] = z
+                    index[v, u] = p

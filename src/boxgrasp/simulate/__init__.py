@@ -1,0 +1,43 @@
+"""Cast tables with exact truth: solids, a depth camera, sensor noise, scenes, clearances."""
+
+from __future__ import annotations
+
+from boxgrasp.simulate.camera import CastView, cast
+from boxgrasp.simulate.demo import demo_capture, demo_scene
+from boxgrasp.simulate.noise import NoiseModel, add_noise
+from boxgrasp.simulate.objects import SimulatedObject, load_objects
+from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
+from boxgrasp.simulate.scenes import TableScene, build_scene, draw_scene, to_capture
+from boxgrasp.simulate.truth import (
+    OptionTruth,
+    TrueOption,
+    box_clearance,
+    option_truth,
+    true_box,
+    true_options,
+)
+
+__all__ = [
+    "Box",
+    "CastView",
+    "Cylinder",
+    "NoiseModel",
+    "OptionTruth",
+    "Plane",
+    "Primitive",
+    "SimulatedObject",
+    "TableScene",
+    "TrueOption",
+    "add_noise",
+    "box_clearance",
+    "build_scene",
+    "cast",
+    "demo_capture",
+    "demo_scene",
+    "draw_scene",
+    "load_objects",
+    "option_truth",
+    "to_capture",
+    "true_box",
+    "true_options",
+]

@@ -1,0 +1,50 @@
+"""The scene of `boxgrasp demo`: a cereal box amid clutter, under a lamp."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from boxgrasp.capture import Capture
+from boxgrasp.simulate.scenes import TableScene, build_scene, to_capture
+
+_RED, _BLUE, _GREEN, _YELLOW, _VIOLET, _GREY = (
+    [200, 60, 50],
+    [60, 120, 200],
+    [70, 170, 80],
+    [220, 180, 60],
+    [150, 90, 170],
+    [214, 214, 208],
+)
+
+
+def _item(
+    name: str, x: float, y: float, yaw: float, colour: list[int], z: float = 0.0
+) -> dict[str, Any]:
+    return {"name": name, "x": x, "y": y, "z": z, "yaw": yaw, "colour": colour}
+
+
+DEMO_SPEC: dict[str, Any] = {
+    "target": _item("cereal_y", 0.84, 0.0, 0.35, _RED),
+    "obstacles": [
+        _item("crisps_tube", 0.93, 0.185, 0.0, _BLUE),
+        _item("mug", 0.745, 0.165, 0.9, _VIOLET),
+        _item("cereal_x", 1.06, -0.06, 0.6, _YELLOW),
+        _item("beans_can", 0.93, -0.21, 0.0, _GREEN),
+        _item("cigarettes", 0.68, -0.16, -0.5, _GREY),
+        _item("lamp", 0.95, 0.03, 0.0, _GREY, 0.26),
+    ],
+    "camera": {"position": [0.12, -0.1, 1.36], "gaze": [0.86, 0.0, 0.87]},
+}
+
+
+def demo_scene() -> TableScene:
+    """A cereal box between a tube, a mug, a can and another box, with a lamp over them."""
+    return build_scene(DEMO_SPEC)
+
+
+def demo_capture(seed: int = 0, *, noise: bool = True) -> Capture:
+    """The demo's scene as a noisy capture with colours and target pixel; seed: the noise's."""
+    capture, _ = to_capture(demo_scene(), np.random.default_rng(seed), noise, shading=0.45)
+    return capture

@@ -1,0 +1,115 @@
+"""The solids that a simulated scene is made of, each with a colour and its object's number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxgrasp.errors import SceneError
+from boxgrasp.frames import Floats, check_transform, make_transform, readonly, rotation_z
+
+Colour = tuple[int, int, int]
+
+
+def _positive(**lengths: float) -> None:
+    for name, value in lengths.items():
+        if not (np.isfinite(value) and value > 0):
+            raise SceneError(f"{name} is {value}; valid: a finite length above 0 m")
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A solid box; T_base_box at its centre, dimensions_m (3,) full lengths along its axes.
+
+    Raises:
+        SceneError: a length is not positive. BoxgraspError: T_base_box is not rigid.
+    """
+
+    T_base_box: Floats
+    dimensions_m: Floats
+    colour: Colour = (128, 128, 128)
+    label: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_base_box", check_transform(self.T_base_box, "T_base_box"))
+        size = np.array(self.dimensions_m, dtype=np.float64)
+        if size.shape != (3,):
+            raise SceneError(f"dimensions_m has shape {size.shape}; valid: (3,)")
+        _positive(x=size[0], y=size[1], z=size[2])
+        object.__setattr__(self, "dimensions_m", readonly(size))
+
+    @property
+    def T_base_solid(self) -> Floats:
+        """(4, 4) pose of the centre."""
+        return self.T_base_box
+
+    @property
+    def half_size(self) -> Floats:
+        """(3,) m, half lengths of the box that holds the solid, in its own frame."""
+        return self.dimensions_m / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """A solid cylinder; T_base_cylinder at its centre, its axis along the local z.
+
+    Raises:
+        SceneError: a length is not positive. BoxgraspError: T_base_cylinder is not rigid.
+    """
+
+    T_base_cylinder: Floats
+    radius_m: float
+    height_m: float
+    colour: Colour = (128, 128, 128)
+    label: int = 0
+
+    def __post_init__(self) -> None:
+        T = check_transform(self.T_base_cylinder, "T_base_cylinder")
+        object.__setattr__(self, "T_base_cylinder", T)
+        _positive(radius_m=self.radius_m, height_m=self.height_m)
+
+    @property
+    def T_base_solid(self) -> Floats:
+        """(4, 4) pose of the centre."""
+        return self.T_base_cylinder
+
+    @property
+    def half_size(self) -> Floats:
+        """(3,) m, half lengths of the box that holds the solid, in its own frame."""
+        return np.array([self.radius_m, self.radius_m, self.height_m / 2])
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The infinite plane z = height_m of the base frame, seen from both sides.
+
+    Raises:
+        SceneError: the height is not finite.
+    """
+
+    height_m: float
+    colour: Colour = (60, 62, 66)
+    label: int = -1
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.height_m):
+            raise SceneError(f"height_m is {self.height_m}; valid: a finite height")
+
+    @property
+    def T_base_solid(self) -> Floats:
+        """(4, 4) pose of the plane's point under the base's origin."""
+        return make_transform(np.eye(3), (0.0, 0.0, self.height_m))
+
+    @property
+    def half_size(self) -> Floats:
+        """(3,) m, without an end along x and y."""
+        return np.array([np.inf, np.inf, 0.0])
+
+
+Primitive = Box | Cylinder | Plane
+
+
+def upright(x: float, y: float, z: float, yaw_rad: float = 0.0) -> Floats:
+    """(4, 4) pose at x, y, z m, turned about z; rounded so that every machine has the same."""
+    return make_transform(np.round(rotation_z(yaw_rad), 12), np.round((x, y, z), 6))

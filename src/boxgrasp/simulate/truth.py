@@ -1,0 +1,186 @@
+"""What is true of a simulated scene: options of the true box, clearances, widths, approaches.
+
+Independent of the rooms that it judges: it shares only the conventions of docs/conventions.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.errors import SceneError
+from boxgrasp.frames import Floats, make_transform, readonly, rotation_z
+from boxgrasp.gripper import Gripper
+from boxgrasp.simulate.distance import boxes_to_solids
+from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
+from boxgrasp.simulate.scenes import TableScene
+
+APPROACH_M = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class TrueOption:
+    """The M options of the true box, in the order of their labels.
+
+    label, face, line (M,) int; T_base_gripper (M, 4, 4); width_m (M,), the true box's size between
+    the fingers.
+    """
+
+    label: NDArray[np.int64]
+    face: NDArray[np.int64]
+    line: NDArray[np.int64]
+    T_base_gripper: Floats
+    width_m: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class OptionTruth:
+    """Exact numbers of M gripper poses, hidden sides included; each (M,), metres.
+
+    clearance_m: gripper's box to the nearest obstacle, 0 inside. support_m: signed height of its
+    lowest corner over the table. approach_m: clearance of the box swept 15 cm back. width_m: the
+    target's true extent along the finger opening; off_centre_m: the middle of that extent from
+    the gripper's middle. fits: width_m is no more than the opening.
+    """
+
+    clearance_m: Floats
+    support_m: Floats
+    approach_m: Floats
+    width_m: Floats
+    off_centre_m: Floats
+    fits: NDArray[np.bool_]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(M,) bool: fits, stays off the table and touches nothing on the way."""
+        return self.fits & (self.support_m > 0) & (self.approach_m > 0)
+
+    @property
+    def best_m(self) -> float:
+        """Largest clearance of the valid poses, 0 where none is."""
+        return float(np.max(self.clearance_m[self.valid], initial=0.0))
+
+
+def box_clearance(
+    T_base_gripper: Floats, dimensions_m: Floats, primitives: Sequence[Primitive]
+) -> Floats:
+    """(M,) m, exact distance of M gripper boxes from the nearest primitive, 0 inside.
+
+    T_base_gripper (M, 4, 4) at the centres of boxes of full lengths dimensions_m (3,). Infinity
+    where there is no primitive.
+    """
+    boxes = np.asarray(T_base_gripper, dtype=np.float64).reshape(-1, 4, 4)
+    out = boxes_to_solids(boxes, dimensions_m, [p for p in primitives if not isinstance(p, Plane)])
+    low, high = _heights(boxes, dimensions_m)
+    for plane in (p for p in primitives if isinstance(p, Plane)):
+        out = np.minimum(
+            out, np.maximum(np.maximum(low - plane.height_m, plane.height_m - high), 0)
+        )
+    return out
+
+
+def true_box(scene: TableScene, *, mode: str = "yaw") -> tuple[Floats, Floats]:
+    """T_base_box (4, 4) at the centre and dimensions_m (3,) of the target's true box.
+
+    mode `aligned`: along the base's axes (thesis section 2-2). `yaw`: turned with a box by (-45,
+    45] degrees; whatever holds a cylinder stays unturned.
+
+    Raises:
+        SceneError: another mode.
+    """
+    if mode not in ("aligned", "yaw"):
+        raise SceneError(f"box mode is {mode!r}; valid: aligned, yaw")
+    yaw = 0.0
+    if mode == "yaw" and all(isinstance(solid, Box) for solid in scene.target):
+        first = scene.target[0].T_base_solid
+        yaw = float(np.arctan2(first[1, 0], first[0, 0]))
+        yaw -= np.ceil(yaw / (np.pi / 2) - 0.5) * (np.pi / 2)
+    R = rotation_z(yaw)
+    ranges = np.array([[_extent(scene.target, axis) for axis in R.T]])[0]
+    return (
+        readonly(make_transform(R, R @ ranges.mean(axis=1))),
+        readonly(ranges[:, 1] - ranges[:, 0]),
+    )
+
+
+def true_options(
+    scene: TableScene, *, lines: int = 3, gripper: Gripper | None = None, mode: str = "yaw"
+) -> TrueOption:
+    """Poses of the 5 l options on the target's true box (faces, lines: docs/conventions.md)."""
+    hand = Gripper() if gripper is None else gripper
+    T_base_box, size = true_box(scene, mode=mode)
+    x, y, z = T_base_box[:3, :3].T
+    middle = T_base_box[:3, 3]
+    strips = (np.arange(lines) + 0.5) / lines - 0.5
+    # Outward normal, finger opening, direction in which the lines follow each other, their span.
+    faces = (
+        (y, x, z, size[1], size[2], size[0]),
+        (-x, y, z, size[0], size[2], size[1]),
+        (-y, -x, z, size[1], size[2], size[0]),
+        (z, y, x, size[2], size[0], size[1]),
+        (z, x, y, size[2], size[1], size[0]),
+    )
+    poses, widths = [], []
+    for normal, opening, step, depth, span, width in faces:
+        for strip in strips:
+            R = np.column_stack([-normal, opening, np.cross(-normal, opening)])
+            out = normal * (depth / 2 + hand.standoff_m)
+            poses.append(make_transform(R, middle + out + step * (strip * span)))
+            widths.append(width)
+    face = np.repeat(np.arange(1, 6), lines)
+    line = np.tile(np.arange(1, lines + 1), 5)
+    return TrueOption(
+        readonly((face - 1) * lines + line),
+        readonly(face),
+        readonly(line),
+        readonly(np.array(poses)),
+        readonly(np.array(widths)),
+    )
+
+
+def option_truth(
+    scene: TableScene, T_base_gripper: Floats, *, gripper: Gripper | None = None
+) -> OptionTruth:
+    """Exact truth of any M gripper poses (M, 4, 4) in a scene; distances capped at 0.50 m."""
+    hand = Gripper() if gripper is None else gripper
+    dims = np.array([hand.length_m, hand.width_m, hand.thickness_m])
+    poses = np.asarray(T_base_gripper, dtype=np.float64).reshape(-1, 4, 4)
+    swept = poses.copy()
+    swept[:, :3, 3] -= poses[:, :3, 0] * (APPROACH_M / 2)
+    longer = dims + (APPROACH_M, 0.0, 0.0)
+    obstacles = scene.obstacles
+    extents = np.array([_extent(scene.target, T[:3, 1]) for T in poses]).reshape(-1, 2)
+    width = extents[:, 1] - extents[:, 0]
+    middle = np.einsum("mi,mi->m", poses[:, :3, 1], poses[:, :3, 3])
+    return OptionTruth(
+        clearance_m=readonly(np.minimum(box_clearance(poses, dims, obstacles), 0.5)),
+        support_m=readonly(_heights(poses, dims)[0] - scene.table_height_m),
+        approach_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), 0.5)),
+        width_m=readonly(width),
+        off_centre_m=readonly(extents.mean(axis=1) - middle),
+        fits=readonly(width <= hand.opening_m + 1e-9),
+    )
+
+
+def _heights(boxes: Floats, dimensions_m: Floats) -> tuple[Floats, Floats]:
+    """(M,) m, lowest and highest z of oriented boxes."""
+    reach = np.abs(boxes[:, 2, :3]) @ (np.asarray(dimensions_m, dtype=np.float64) / 2)
+    return boxes[:, 2, 3] - reach, boxes[:, 2, 3] + reach
+
+
+def _extent(solids: Sequence[Box | Cylinder], direction: Floats) -> tuple[float, float]:
+    """Lowest and highest coordinate of the solids along a unit direction, m."""
+    low, high = np.inf, -np.inf
+    for solid in solids:
+        local = solid.T_base_solid[:3, :3].T @ direction
+        half = solid.half_size
+        if isinstance(solid, Box):
+            reach = float(np.abs(local) @ half)
+        else:
+            reach = half[0] * float(np.hypot(local[0], local[1])) + half[2] * abs(float(local[2]))
+        centre = float(direction @ solid.T_base_solid[:3, 3])
+        low, high = min(low, centre - reach), max(high, centre + reach)
+    return low, high
