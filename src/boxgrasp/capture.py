@@ -169,14 +169,16 @@ class Capture:
         """Whether the camera's place relative to the points is known, so free space can be."""
         return self.cloud_frame == "optical" or self.T_base_camera is not None
 
-    def valid_points(self) -> tuple[Points, Pixels]:
+    def valid_points(self, step: int = 1) -> tuple[Points, Pixels]:
         """(N, 3) float32 points, m, and (N,) int32 pixels, but missing ones and the robot's.
+
+        Of an image only every `step`-th row and column is taken.
 
         Points are in the optical frame, or in the base frame where `cloud_frame` is 'base'.
         A pixel is its row-major number v * W + u, in rising order; -1 without an image.
         """
         if self.depth is not None and self.intrinsics is not None:
-            return _depth_points(self.depth, self.intrinsics, self.robot_mask)
+            return _depth_points(self.depth, self.intrinsics, self.robot_mask, step)
         if self.points is None:
             raise CaptureError("capture holds neither depth nor points")
         keep = np.ones(len(self.points), bool)
@@ -184,6 +186,10 @@ class Capture:
             keep = ~np.isnan(self.points[:, 2])
         if self.robot_mask is not None:
             keep &= ~self.robot_mask.reshape(-1)
+        if self.cloud_shape is not None and step > 1:
+            thin = np.zeros(self.cloud_shape, bool)
+            thin[::step, ::step] = True
+            keep &= thin.reshape(-1)
         if keep.all():
             points, pixels = self.points, np.arange(len(keep), dtype=np.int32)
         else:
@@ -206,15 +212,15 @@ class Capture:
 
 
 def _depth_points(
-    depth: Points, intrinsics: Floats, robot_mask: Bools | None
+    depth: Points, intrinsics: Floats, robot_mask: Bools | None, step: int
 ) -> tuple[Points, Pixels]:
     from boxgrasp.kernels.backproject import backproject  # numba, only where it is used
 
-    count = int(np.count_nonzero(depth))
+    count = int(np.count_nonzero(depth[::step, ::step]))
     points, pixels = np.empty((count, 3), np.float32), np.empty(count, np.int32)
     dropped = robot_mask if robot_mask is not None else readonly(np.zeros((0, 0), bool))
     (fx, _, cx), (_, fy, cy) = intrinsics[:2].tolist()
-    count = backproject(depth, fx, fy, cx, cy, dropped, points, pixels)
+    count = backproject(depth, fx, fy, cx, cy, dropped, step, points, pixels)
     return readonly(points[:count]), readonly(pixels[:count])
 
 

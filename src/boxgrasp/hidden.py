@@ -13,7 +13,11 @@ from boxgrasp.box import Box
 from boxgrasp.frames import Floats, Points, invert, readonly, transform
 from boxgrasp.kernels._jit import jit
 from boxgrasp.occupancy import FREE, UNSEEN, LocalMap
+from boxgrasp.scene import Scene
 from boxgrasp.support import Plane
+
+_FAR_M = 1.0
+_SLACK_M = 0.005
 
 
 @jit
@@ -59,3 +63,22 @@ def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
     own = np.abs(transform(invert(box.T_base_box), base))
     reach = box.dimensions_m / 2 + local_map.resolution_m / 2
     return np.ascontiguousarray(base[np.any(own > reach, axis=1)])
+
+
+def unexplained_cells(
+    centres: Floats, sizes_m: Floats, scene: Scene, box: Box
+) -> tuple[Floats, Floats]:
+    """Occupied cells of a map (K, 3), (K,), base frame, that neither points nor target explain.
+
+    Cells that touch the support plane, reach into the target's box or hold a seen point are left
+    out, as are those too far from the box to matter.
+    """
+    near = np.all(np.abs(centres - box.T_base_box[:3, 3]) < _FAR_M, axis=1)
+    heights = centres @ scene.plane.normal + scene.plane.offset_m
+    own = np.abs(transform(invert(box.T_base_box), centres)) - box.dimensions_m / 2
+    keep = near & (heights > sizes_m / 2) & np.any(own > sizes_m[:, None] / 2, axis=1)
+    rows = np.flatnonzero(keep)
+    for row in rows.tolist():
+        reach = sizes_m[row] / 2 + _SLACK_M
+        keep[row] = not np.any(np.all(np.abs(scene.points - centres[row]) < reach, axis=1))
+    return readonly(centres[keep]), readonly(sizes_m[keep])

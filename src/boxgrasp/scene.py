@@ -156,10 +156,12 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     )
     alive = labels >= 0
     row = np.where(alive, np.cumsum(alive) - 1, -1)
-    scene = Scene(
+    if not objects:
+        raise SceneError("nothing stands on the support plane; valid: at least one object in view")
+    return Scene(
         points=readonly(np.ascontiguousarray(points_base[alive])),
         labels=readonly(numbers[alive]),
-        objects=(),
+        objects=tuple(objects),
         plane=source_plane.moved(T_base_source),
         frame="support" if optical and T_given is None else "given",
         T_base_camera=None if T_base_camera is None else readonly(T_base_camera),
@@ -171,10 +173,6 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         source_points=points,
         T_base_source=readonly(T_base_source),
     )
-    if not objects:
-        raise SceneError("nothing stands on the support plane; valid: at least one object in view")
-    object.__setattr__(scene, "objects", _with_pixels(scene, objects))
-    return scene
 
 
 def _over(
@@ -223,12 +221,12 @@ def scan_pose(scan: Capture) -> Floats:
 
 def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray[np.bool_]:
     """Statistical trimming: mean neighbour distance within sigma of the usual, at its range."""
-    reach_m = 3.5 * config.voxel_m
+    spread = np.float32(config.voxel_m)
+    if eye is not None:  # a farther surface is sampled more thinly: a pixel at 525 px
+        spread = np.maximum(spread, np.linalg.norm(voxels - eye.astype(np.float32), axis=1) / np.float32(525))
+    reach_m = 2.4 * float(np.median(spread))
     means = mean_neighbour_distance(voxels, config.outlier_neighbours, reach_m)
-    if eye is not None:
-        # A farther surface is sampled more thinly: half a pixel a metre at 525 px.
-        spread = np.linalg.norm(voxels - eye.astype(np.float32), axis=1)
-        means = means / np.maximum(config.voxel_m, spread * np.float32(1 / 525))
+    means = means / spread
     limit = float(means.mean(dtype=np.float64) + config.outlier_sigma * means.std(dtype=np.float64))
     return np.asarray(means <= max(limit, float(np.median(means)) * 1.5))
 
@@ -300,10 +298,11 @@ def _number(
     return numbers, objects
 
 
-def _with_pixels(scene: Scene, objects: list[SceneObject]) -> tuple[SceneObject, ...]:
-    """Each object with one of its own pixels, the one nearest to their mean."""
+def with_pixels(scene: Scene) -> tuple[SceneObject, ...]:
+    """The objects, each with one of its own pixels, the one nearest to their mean."""
+    objects = scene.objects
     if scene.shape is None:
-        return tuple(objects)
+        return objects
     width = scene.shape[1]
     ok = scene.voxel_of_above >= 0
     pixels = scene.pixels[scene.above][ok].astype(np.int64)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,17 @@ from boxgrasp.box import Box, fit_box
 from boxgrasp.capture import Capture
 from boxgrasp.choosers import Preference, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
-from boxgrasp.frames import make_transform, quaternion_xyzw, readonly, transform
+from boxgrasp.frames import Floats, invert, make_transform, quaternion_xyzw, readonly, transform
 from boxgrasp.gripper import Gripper
-from boxgrasp.occupancy import Scan, build_local_map
+from boxgrasp.hidden import unexplained_cells
+from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_from_octomap
 from boxgrasp.options import Options, options_of
-from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose
+from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 from boxgrasp.target import Target, find_target
 from boxgrasp.visibility import Visibility, look
 
-_DENSE = 150_000  # a view with more points is thinned to every second row and column for rays
+_DENSE = 150_000
 
 
 class GraspSelector:
@@ -40,7 +42,7 @@ class GraspSelector:
         capture: Capture,
         target: Target | None = None,
         scans: Sequence[Capture] = (),
-        octomap: Any = None,
+        octomap: MapCells | None = None,
     ) -> Selection:
         """The grasp that is best and passes the check, or a request for help."""
         config = self.config
@@ -54,7 +56,7 @@ class GraspSelector:
         seen = look(capture, scene, own, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        local_map = build_local_map(_rays(scene, scans), box.T_base_map(), config.occupancy)
+        local_map, unexplained = self._occupancy(capture, scene, scans, octomap, box)
         clock.lap("occupancy")
         # 4. Every option with its numbers (2-4, 3-4).
         options = options_of(box, config.gripper, config.options.lines)
@@ -65,7 +67,7 @@ class GraspSelector:
             box,
             scene,
             obstacles,
-            (np.empty((0, 3)), np.empty(0)),
+            unexplained,
             local_map,
             seen.width_known,
             config.check,
@@ -88,9 +90,30 @@ class GraspSelector:
             scene, box, options, numbers, verdict, preference, warnings, clock
         )
 
+    def _occupancy(
+        self,
+        capture: Capture,
+        scene: Scene,
+        scans: Sequence[Capture],
+        octomap: MapCells | None,
+        box: Box,
+    ) -> tuple[LocalMap, tuple[Floats, Floats]]:
+        """The local map, and the occupied cells of a map file that no seen point explains."""
+        config = self.config.occupancy
+        T_base_map = box.T_base_map(config.centre_above_support_m)
+        if octomap is None:
+            T_source_map = invert(scene.T_base_source) @ T_base_map
+            local_map = build_local_map(_rays(capture, scene, scans), T_source_map, config)
+            return replace(local_map, T_base_map=T_base_map), (np.empty((0, 3)), np.empty(0))
+        cells = octomap.occupied(config.occupied_above)
+        return (
+            map_from_octomap(octomap, T_base_map, config),
+            unexplained_cells(*cells, scene, box),
+        )
+
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
         """The objects on the support plane, numbered from the nearest."""
-        return find_scene(capture, (), self.config.scene).objects
+        return with_pixels(find_scene(capture, (), self.config.scene))
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first select is as quick as the next."""
@@ -185,20 +208,28 @@ def _heading(scene: Scene) -> float:
     return float(np.arctan2(x[1], x[0]))
 
 
-def _rays(scene: Scene, scans: Sequence[Capture]) -> list[Scan]:
-    """Points and eye of every view, base frame: the whole cloud, the table included."""
-    views = [(scene.source_points, scene.pixels, scene.shape, scene.T_base_source, scene.eye_m)]
-    for scan in scans:
-        points, pixels = scan.valid_points()
-        T = scan_pose(scan)
-        eye = None if scan.T_base_camera is None else scan.T_base_camera[:3, 3]
-        views.append((points, pixels, scan.shape, T, eye))
-    rays = []
-    for points, pixels, shape, T_base_source, eye in views:
-        if shape is not None and len(points) > _DENSE:
-            row, column = np.divmod(pixels, shape[1])
-            points = points[(row | column) & 1 == 0]
-        rays.append((transform(T_base_source, points), eye))
+def _rays(capture: Capture, scene: Scene, scans: Sequence[Capture]) -> list[Scan]:
+    """Points and eye of every view, in the first view's own frame: the whole cloud, table included.
+
+    A dense image is thinned to every second row and column, which still crosses every cell.
+    """
+    T_source_base = invert(scene.T_base_source)
+    rays: list[Scan] = []
+    for view in (capture, *scans):
+        shape = view.shape
+        dense = shape is not None and shape[0] * shape[1] > _DENSE
+        points, _ = view.valid_points(step=2 if dense else 1)
+        if view is capture:
+            eye = None if scene.eye_m is None else transform(T_source_base, scene.eye_m[None])[0]
+            rays.append((points, eye))
+            continue
+        eye = None if view.T_base_camera is None else view.T_base_camera[None, :3, 3]
+        rays.append(
+            (
+                transform(T_source_base @ scan_pose(view), points),
+                None if eye is None else transform(T_source_base, eye)[0],
+            )
+        )
     return rays
 
 

@@ -64,7 +64,8 @@ def _pieces(points: Points, tints: Points) -> Labels:
     top, tint, cells = plan_grid(points, tints, _CELL_M)
     least = max(2, round(_LEAST_M2 / _CELL_M**2))
     label = patches(top, tint, _STEP_M, np.inf)
-    label = _joined(label, least, *_tops(label, top))
+    if label.max() > 0:
+        label = _joined(label, least, *_tops(label, top))
     if np.isfinite(tint).any():
         coloured = patches(top, tint, _STEP_M, _TINT_STEP)
         if _even(coloured, tint, least):
@@ -87,9 +88,15 @@ def _even(label: Labels, tint: Points, least: int) -> bool:
 
 def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Whether each patch is level, and its middle height."""
-    cells = [top[label == k] for k in range(int(label.max()) + 1)]
-    spread = [float(np.quantile(c, 0.9) - np.quantile(c, 0.1)) for c in cells]
-    return np.array(spread) <= _LEVEL_M, np.array([float(np.median(c)) for c in cells])
+    inside = label >= 0
+    patch, height = label[inside], top[inside]
+    order = np.lexsort((height, patch))
+    edges = np.searchsorted(patch[order], np.arange(int(label.max()) + 2))
+    sizes = np.diff(edges) - 1
+    low, middle, high = (
+        height[order[edges[:-1] + (share * sizes).astype(np.int64)]] for share in (0.1, 0.5, 0.9)
+    )
+    return high - low <= _LEVEL_M, middle.astype(np.float64)
 
 
 def _joined(

@@ -166,7 +166,7 @@ def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray
 
     points: (N, 3) of the view in the source frame.
     """
-    local = transform(invert(T_source_table), points[:: max(1, len(points) // 20_000)])
+    local = transform(invert(T_source_table), points[:: max(1, len(points) // 8_000)])
     return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above, margin=3)
 
 

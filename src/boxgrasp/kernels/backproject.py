@@ -18,20 +18,21 @@ def backproject(
     cx: float,
     cy: float,
     dropped: NDArray[np.bool_],
+    step: int,
     points: NDArray[np.float32],
     pixels: NDArray[np.int32],
 ) -> int:
     """Fill points (>= N, 3) optical frame, m, and flat pixel numbers (>= N,); returns N.
 
     A pixel counts where depth (H, W) m is above 0 and `dropped` is not set; `dropped` is
-    (H, W), or (0, 0) to keep all. Order is row-major.
+    (H, W), or (0, 0) to keep all. Every `step`-th row and column, in row-major order.
     """
     height, width = depth.shape
     keep_all = dropped.shape[0] == 0
     n = 0
-    for v in range(height):
+    for v in range(0, height, step):
         y = (v - cy) / fy
-        for u in range(width):
+        for u in range(0, width, step):
             z = depth[v, u]
             if z > 0 and (keep_all or not dropped[v, u]):
                 points[n, 0] = (u - cx) / fx * z
