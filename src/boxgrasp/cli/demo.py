@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture", metavar="OUT.png", default=PICTURE, help=f"where to draw (default: {PICTURE})"
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="which table to cast")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the noise on the cast")
     _arguments.add_target(parser)
     _arguments.add_config(parser)
 
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
     selector = GraspSelector(_arguments.resolve_config(args))
     target = _arguments.target_of(args)
-    names = args.captures or [f"cast table {args.seed}"]
+    names = args.captures or [f"cast table, seed {args.seed}"]
 
     def demonstrate(number: int, name: str) -> None:
         capture = _arguments.load_capture(name, args) if args.captures else _cast(args.seed)
