@@ -435,6 +435,6 @@ def ray_cells_naive(
             a = 1 if t[1] < t[2] else 2
         key[a] += step[a]
         t[a] += delta[a]
-        if key == goal or min(t) > length:
+        if key == goal or min(t) > float(length):
             return cells
         cells.append(tuple(key))
