@@ -366,6 +366,7 @@ def _check_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] |
     return u, v
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def _check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
     """A flat (N, 3) float32 copy, and (H, W) where the cloud is organised."""
     points = _array(value, "points", "(N, 3) or (H, W, 3) float metres")
@@ -378,20 +379,18 @@ def _check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
     shape = None
     if points.ndim == 3 and min(points.shape[:2]) > 1:
         shape = (points.shape[0], points.shape[1])
-    with np.errstate(over="ignore"):
-        flat = np.array(points, np.float32, order="C").reshape(-1, 3)
+    flat = np.array(points, np.float32, order="C").reshape(-1, 3)
     flat += np.float32(0)  # -0.0 becomes 0.0: one value, one place in the order
     return flat, shape
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def _check_cloud(
     points: Points, cloud_frame: CloudFrame, T_base_camera: Floats | None
 ) -> tuple[Bools, tuple[str, ...]]:
     """(N,) True where a point is valid, and notes."""
     x, y, z = points.T
-    with np.errstate(invalid="ignore", over="ignore"):
-        total = x + y + z  # NaN or infinite as soon as one of them is
-    keep = np.isfinite(total)
+    keep = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
     odd = int(np.count_nonzero(np.isinf(points).any(axis=1))) if not keep.all() else 0
     keep &= (x != 0) | (y != 0) | (z != 0)
     if cloud_frame == "optical":

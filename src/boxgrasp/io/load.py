@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from boxgrasp.capture import CLOUD_FRAMES, Capture, CloudFrame
 from boxgrasp.errors import BoxgraspError, CaptureError, MissingExtraError
 
@@ -31,7 +33,8 @@ def load_capture(
     """
     place = Path(path)
     try:
-        return _reader(place, cloud_frame, topic, stamp)()
+        with np.errstate(all="ignore"):  # a file's odd floats are judged, not warned about
+            return _reader(place, cloud_frame, topic, stamp)()
     except MissingExtraError:
         raise
     except BoxgraspError as error:

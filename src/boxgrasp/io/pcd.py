@@ -33,6 +33,7 @@ def load_pcd(path: Path, cloud_frame: CloudFrame) -> Capture:
     with path.open("rb") as stream:
         header = _check_header(stream)
         count = int(header["POINTS"][0])
+        T_base_camera = _viewpoint(header.get("VIEWPOINT", []))
         messy = header["DATA"][0] == "ascii" and _is_messy(stream)
         stream.seek(0)
         cells = _read(cast("IO[bytes]", _Tidy(stream)) if messy else stream)
@@ -43,7 +44,6 @@ def load_pcd(path: Path, cloud_frame: CloudFrame) -> Capture:
         (cells[name] for name in ("rgb", "rgba") if name in (cells.dtype.names or ())), None
     )
     colors = unpack_rgb(packed) if packed is not None else None
-    T_base_camera = _viewpoint(header.get("VIEWPOINT", []))
     width, height = int(header["WIDTH"][0]), int(header["HEIGHT"][0])
     organised = (height, width, 3) if height > 1 else (count, 3)
     return Capture.from_cloud(
