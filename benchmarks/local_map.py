@@ -1,8 +1,8 @@
 """The local map beside OctoMap on the same points. `python benchmarks/local_map.py`.
 
-One cast 640 x 480 frame with noise, 0.4 to 1.6 m away, thinned to 3 mm voxels. OctoMap's time is that of inserting
-into an empty tree, its most favourable case; ours is the whole call, frame change included. Rounds
-take turns, so that other work on the machine weighs on all alike: trust the ratios.
+One cast 640 x 480 frame with noise, 0.4 to 1.6 m away, thinned to 3 mm voxels. OctoMap inserts into
+an empty tree, its most favourable case; ours is the whole call, frame change included. Rounds take
+turns, so that other work on the machine weighs on all alike: trust the ratios.
 """
 
 from __future__ import annotations
