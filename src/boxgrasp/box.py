@@ -17,6 +17,7 @@ from boxgrasp.support import Plane
 _COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
 _FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
 _LEAST_M = 0.005
+_FEWEST_CUT = 2
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class BoxConfig:
 
     fit: Literal["yaw", "aligned"] = "yaw"
     turn_gain: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.07
-    trim_share: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.005
+    trim_share: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +77,17 @@ def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig)
     size = np.maximum(extent[1::2] - extent[::2], _LEAST_M)
     centre = middle + turn[:2, :2] @ ((extent[1::2] + extent[::2]) / 2)
     foot = -(plane.normal[:2] @ centre + plane.offset_m) / plane.normal[2]
-    top = float(np.quantile(points[:, 2], 1.0 - config.trim_share))
+    top = float(np.partition(points[:, 2], -_cut(points, config) - 1)[-_cut(points, config) - 1])
     height = max(top - foot, _LEAST_M)
     return Box(
         readonly(make_transform(turn, (centre[0], centre[1], foot + height / 2))),
         readonly(np.array([size[0], size[1], height])),
     )
+
+
+def _cut(points: Points, config: BoxConfig) -> int:
+    """How many points are left outside at each end."""
+    return min(max(_FEWEST_CUT, int(config.trim_share * len(points))), (len(points) - 1) // 2)
 
 
 def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
@@ -92,12 +98,13 @@ def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
             (extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2])
         )
 
-    straight = extents_over_yaws(footprint, np.zeros(1), config.trim_share)
+    cut = _cut(footprint, config)
+    straight = extents_over_yaws(footprint, np.zeros(1), cut)
     if config.fit == "aligned":
         return 0.0, straight[0]
     yaws = _COARSE
     for _ in range(2):
-        extents = extents_over_yaws(footprint, yaws, config.trim_share)
+        extents = extents_over_yaws(footprint, yaws, cut)
         areas = area(extents)
         ties = np.flatnonzero(areas <= areas.min() * (1 + 1e-9))
         best = ties[np.argmin(np.abs(yaws[ties]))]
@@ -108,5 +115,5 @@ def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
     yaw = float(yaws[best])
     if not -np.pi / 4 < yaw <= np.pi / 4:  # the same rectangle, named from its other side
         yaw -= np.copysign(np.pi / 2, yaw)
-        return yaw, extents_over_yaws(footprint, np.array([yaw]), config.trim_share)[0]
+        return yaw, extents_over_yaws(footprint, np.array([yaw]), cut)[0]
     return yaw, extents[best]

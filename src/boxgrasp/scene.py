@@ -123,7 +123,12 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         up = np.array([0.0, 0.0, 1.0])
     elif T_given is not None:
         up = T_given[2, :3]
-    source_plane = find_support_plane(points, up)
+    source_eye = None
+    if optical:
+        source_eye = np.zeros(3)
+    elif T_given is not None:
+        source_eye = T_given[:3, 3]
+    source_plane = find_support_plane(points, up, source_eye, config.far_m)
     T_source_table = support_frame(source_plane, optical)
     T_base_source = np.eye(4)
     if optical:

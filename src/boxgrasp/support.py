@@ -40,12 +40,15 @@ class Plane:
         return Plane(readonly(normal), float(self.offset_m - normal @ T_a_b[:3, 3]))
 
 
-def find_support_plane(points: Points, up: Floats | None) -> Plane:
+def find_support_plane(
+    points: Points, up: Floats | None, eye: Floats | None, far_m: float
+) -> Plane:
     """RANSAC over local proposals, the carrier among the candidates, a refit (appendix A).
 
     points: (N, 3) float32 in the camera frame, or in any frame where `up` is known.
     up: (3,) unit vector against gravity in the points' frame; None for a camera frame of
     unknown tilt, where planes that face downwards in the image are left out.
+    eye: (3,) camera position there, or None; far_m: how far from it objects are looked for.
 
     Raises:
         SceneError: no plane of a plausible tilt holds enough points.
@@ -74,7 +77,12 @@ def find_support_plane(points: Points, up: Floats | None) -> Plane:
     if up is None:  # a level plane faces up in the image unless the camera looks straight down
         upright = [found for found in candidates if found[1][1] < -_TILT_UPRIGHT]
         candidates = upright or candidates
-    carried = [_carried(sample, plane) for _, plane in candidates]
+    noise_m = np.zeros(len(sample), dtype=np.float32)
+    within = np.ones(len(sample), dtype=bool)
+    if eye is not None:
+        ranges = np.linalg.norm(sample - eye.astype(np.float32), axis=1)
+        noise_m, within = axial_noise_m(ranges), ranges <= far_m
+    carried = [_carried(sample, within, noise_m, plane) for _, plane in candidates]
     chosen = _choose(candidates, carried)
     dense = np.ascontiguousarray(points[:: max(1, len(points) // 60_000)])
     plane = _refit(dense, chosen, (_FINE_M,) * 4)
@@ -153,11 +161,19 @@ def _refit(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Fl
     return plane
 
 
-def _carried(sample: Points, plane: Floats) -> int:
-    """How many points stand over the plane's own seen patch, up to 30 cm high."""
+def axial_noise_m(ranges_m: Points) -> Points:
+    """(N,) standard deviation of a structured-light camera's depth (Nguyen 2012)."""
+    return np.asarray(0.0012 + 0.0019 * (ranges_m - 0.4) ** 2, dtype=np.float32)
+
+
+def _carried(
+    sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: Floats
+) -> int:
+    """How many points within reach stand over the plane's own seen patch, up to 30 cm high."""
     T_source_table = support_frame(Plane(plane[:3], float(plane[3])), optical=True)
     local = transform(invert(T_source_table), sample)
-    over = local[(local[:, 2] > _CARRIED_M[0]) & (local[:, 2] < _CARRIED_M[1])]
+    lowest = _CARRIED_M[0] + 4 * noise_m
+    over = local[within & (local[:, 2] > lowest) & (local[:, 2] < _CARRIED_M[1])]
     return int(np.count_nonzero(_over_patch(local[np.abs(local[:, 2]) < _FINE_M], over)))
 
 

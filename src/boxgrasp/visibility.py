@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.box import Box
 from boxgrasp.capture import Capture
-from boxgrasp.frames import Floats, invert, transform
+from boxgrasp.frames import Floats, Points, invert, transform
 from boxgrasp.scene import Scene
 
 _REACH_PX = 6
@@ -17,6 +17,7 @@ _NEARER_M = 0.02
 _EDGE_BAND_M = 0.012
 _HIDDEN_SHARE = 0.5
 _LEAST_PX = 4
+_FACE_M = 0.015
 _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, down
 
 
@@ -119,11 +120,21 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
             with np.errstate(invalid="ignore"):
                 at_edge = local[..., axis] * side > box.dimensions_m[axis] / 2 - _EDGE_BAND_M
             end = ends[step] & at_edge
+            if _is_face(local[own & at_edge], 1 - axis):
+                continue
             count = int(np.count_nonzero(end))
             hidden = int(np.count_nonzero(end & beyond[step]))
             if hidden >= _LEAST_PX and hidden > _HIDDEN_SHARE * count:
                 found.append((axis, side))
     return cut, found
+
+
+def _is_face(points: Points, other: int) -> bool:
+    """Whether points at the end of an axis spread over an upright patch: a face, no mere rim."""
+    if len(points) < _LEAST_PX:
+        return False
+    spread = np.quantile(points, 0.95, axis=0) - np.quantile(points, 0.05, axis=0)
+    return bool(spread[other] > _FACE_M and spread[2] > _FACE_M)
 
 
 def _image_step(turn: Floats, view: Floats, axis: int, side: int) -> int:

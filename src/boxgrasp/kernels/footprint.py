@@ -11,14 +11,13 @@ _BIN_M = 0.0005
 
 
 @jit
-def _quantile_range(values: Floats, share: float) -> tuple[float, float]:
-    """Lowest and highest value after cutting `share` of the values at each end, to 0.5 mm."""
+def _quantile_range(values: Floats, cut: int) -> tuple[float, float]:
+    """Lowest and highest value after cutting that many values at each end, to 0.5 mm."""
     low = values.min()
     bins = int((values.max() - low) / _BIN_M) + 1
     counts = np.zeros(bins, dtype=np.int64)
     for v in values:
         counts[int((v - low) / _BIN_M)] += 1
-    cut = share * values.shape[0]
     total = 0
     first = 0
     while first < bins - 1 and total + counts[first] <= cut:
@@ -33,7 +32,7 @@ def _quantile_range(values: Floats, share: float) -> tuple[float, float]:
 
 
 @jit
-def extents_over_yaws(footprint: Floats, yaws: Floats, share: float) -> Floats:
+def extents_over_yaws(footprint: Floats, yaws: Floats, cut: int) -> Floats:
     """(A, 4) low x, high x, low y, high y of (N, 2) points seen in axes turned by each yaw."""
     extents = np.empty((yaws.shape[0], 4))
     values = np.empty(footprint.shape[0])
@@ -41,8 +40,8 @@ def extents_over_yaws(footprint: Floats, yaws: Floats, share: float) -> Floats:
         c, s = np.cos(yaws[k]), np.sin(yaws[k])
         for i in range(footprint.shape[0]):
             values[i] = footprint[i, 0] * c + footprint[i, 1] * s
-        extents[k, 0], extents[k, 1] = _quantile_range(values, share)
+        extents[k, 0], extents[k, 1] = _quantile_range(values, cut)
         for i in range(footprint.shape[0]):
             values[i] = footprint[i, 1] * c - footprint[i, 0] * s
-        extents[k, 2], extents[k, 3] = _quantile_range(values, share)
+        extents[k, 2], extents[k, 3] = _quantile_range(values, cut)
     return extents

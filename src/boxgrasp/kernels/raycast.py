@@ -26,11 +26,13 @@ def raycast(
     """Nearest surface of P solids for the pixels of rows [row_start, row_stop).
 
     kinds (P,) int; rotations (P, 3, 3) and origins (P, 3): the camera's frame seen from each
-    solid's; sizes (P, 3) half lengths (box), radius, radius, half height (cylinder), unused (plane);
-    rectangles (P, 4) pixel bounds u0, u1, v0, v1, half open; focal (4,) fx, fy, cx, cy.
-    Fills depth (H, W) float64 m (z, not range; infinity where nothing is) and index (H, W) int32,
-    which must come in as infinity and -1.
+    solid's; sizes (P, 3) half lengths (box), radius, radius, half height (cylinder), unused
+    (plane); rectangles (P, 4) pixel bounds u0, u1, v0, v1, half open; focal (4,) fx, fy, cx, cy.
+    Fills the rows of depth (H, W) float64 m (z, not range; infinity where nothing is) and of index
+    (H, W) int32 (-1 where nothing is).
     """
+    depth[row_start:row_stop] = np.inf
+    index[row_start:row_stop] = -1
     fx, fy, cx, cy = focal[0], focal[1], focal[2], focal[3]
     for p in range(kinds.shape[0]):
         kind = kinds[p]
@@ -101,3 +103,64 @@ def raycast(
                 if 0.0 < z < depth[v, u]:
                     depth[v, u] = z
                     index[v, u] = p
+
+
+@jit
+def paint(
+    kinds: Array,
+    rotations: Array,
+    origins: Array,
+    sizes: Array,
+    colours: Array,
+    labels: Array,
+    light: Array,
+    shading: float,
+    focal: Array,
+    row_start: int,
+    row_stop: int,
+    depth: Array,
+    index: Array,
+    depth_out: Array,
+    rgb_out: Array,
+    label_out: Array,
+) -> None:
+    """Depth (float32, 0 for nothing), colour and label of each pixel that `raycast` has met.
+
+    colours (P + 1, 3) uint8 and labels (P + 1,) int32 end with what nothing looks like; light (3,)
+    unit vector towards the light, camera frame; shading 0 leaves the colours flat.
+    """
+    normal = np.zeros(3)
+    here = np.zeros(3)
+    for v in range(row_start, row_stop):
+        for u in range(index.shape[1]):
+            p = index[v, u]
+            label_out[v, u] = labels[p]
+            depth_out[v, u] = depth[v, u] if p >= 0 else 0.0
+            factor = 1.0
+            if shading > 0.0 and p >= 0:
+                a, b, z = (u - focal[2]) / focal[0], (v - focal[3]) / focal[1], depth[v, u]
+                r = rotations[p]
+                for k in range(3):
+                    here[k] = origins[p, k] + z * (r[k, 0] * a + r[k, 1] * b + r[k, 2])
+                    normal[k] = 0.0
+                side = 2
+                if kinds[p] == PLANE:
+                    here[2] = origins[p, 2]
+                elif kinds[p] == BOX:
+                    for k in range(2):
+                        if abs(here[k]) * sizes[p, side] > abs(here[side]) * sizes[p, k]:
+                            side = k
+                elif abs(here[2]) * sizes[p, 0] < np.hypot(here[0], here[1]) * sizes[p, 2]:
+                    side = -1
+                if side >= 0:
+                    normal[side] = np.sign(here[side])
+                else:
+                    normal[0], normal[1] = here[0] / sizes[p, 0], here[1] / sizes[p, 0]
+                lit = 0.0
+                for k in range(3):
+                    lit += normal[k] * (
+                        r[k, 0] * light[0] + r[k, 1] * light[1] + r[k, 2] * light[2]
+                    )
+                factor = 1.0 - shading * (1.0 - min(max(lit, 0.0), 1.0))
+            for k in range(3):
+                rgb_out[v, u, k] = np.uint8(colours[p, k] * factor + 0.5)

@@ -46,15 +46,20 @@ def classify(
     `far` is each bundle's largest depth along the face's axis, `deepest` the point that has it;
     `bundle` is -1 where there is no ray: a point that is not finite or outside OctoMap's cube.
     """
+    # Read once: the compiler cannot know that writing `moved` leaves these alone.
     T = T_grid_points
+    xx, xy, xz, x1 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    yx, yy, yz, y1 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    zx, zy, zz, z1 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    lx, ly, lz = lowest[0], lowest[1], lowest[2]
     ox, oy, oz = origin[0], origin[1], origin[2]
     nx, ny, nz = occupied.shape
     half = 0.5 * side
     for i in range(start, stop):
         x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
-        px = np.float32(T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3])
-        py = np.float32(T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3])
-        pz = np.float32(T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3])
+        px = np.float32(xx * x + xy * y + xz * z + x1)
+        py = np.float32(yx * x + yy * y + yz * z + y1)
+        pz = np.float32(zx * x + zy * y + zz * z + z1)
         moved[i, 0] = px
         moved[i, 1] = py
         moved[i, 2] = pz
@@ -66,11 +71,9 @@ def classify(
             and -TREE_HALF <= fz < TREE_HALF
         ):
             continue
-        kx = int(math.floor(fx)) - lowest[0]
-        ky = int(math.floor(fy)) - lowest[1]
-        kz = int(math.floor(fz)) - lowest[2]
-        if 0 <= kx < nx and 0 <= ky < ny and 0 <= kz < nz:
-            occupied[kx, ky, kz] = 1
+        fx, fy, fz = fx - lx, fy - ly, fz - lz
+        if 0 <= fx < nx and 0 <= fy < ny and 0 <= fz < nz:
+            occupied[int(fx), int(fy), int(fz)] = 1
         if not has_origin:
             continue
         dx, dy, dz = px - ox, py - oy, pz - oz

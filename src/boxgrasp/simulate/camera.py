@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Array, Floats, check_transform, invert, make_transform, readonly
+from boxgrasp.frames import Floats, check_transform, invert, make_transform, readonly
 from boxgrasp.kernels._threads import run_chunks
-from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, raycast
+from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, paint, raycast
 from boxgrasp.simulate.primitives import Box, Cylinder, Primitive
 
 SKY = (22, 36, 36)
 _MIN_ROWS = 60
+# Unit vector to a lamp up left behind the camera, camera frame.
+_LIGHT = readonly(np.array([-0.46, -0.30, -0.836]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,25 +102,22 @@ def cast(
         ],
         dtype=np.int64,
     )
-    depth = np.full(shape, np.inf)
-    index = np.full(shape, -1, dtype=np.int32)
-
-    def rows(start: int, stop: int) -> None:
-        raycast(kinds, rotations, origins, sizes, rectangles, focal, start, stop, depth, index)
-
-    run_chunks(rows, height, smallest=_MIN_ROWS)
-    depth[index < 0] = 0.0
     colours = np.array([*(p.colour for p in primitives), SKY], dtype=np.uint8)
     numbers = np.array([*(p.label for p in primitives), -1], dtype=np.int32)
-    rgb = colours[index]
-    if shading:
-        rgb = _shade(rgb, depth, index, kinds, rotations, origins, sizes, focal, shading)
-    return CastView(
-        readonly(depth.astype(np.float32)),
-        readonly(rgb),
-        readonly(numbers[index]),
-        readonly(index),
-    )
+    exact, index = np.empty(shape), np.empty(shape, dtype=np.int32)
+    depth, labels = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.int32)
+    rgb = np.empty((*shape, 3), dtype=np.uint8)
+    solids = (kinds, rotations, origins, sizes)
+
+    def rows(start: int, stop: int) -> None:
+        raycast(*solids, rectangles, focal, start, stop, exact, index)
+        paint(
+            *solids, colours, numbers, _LIGHT, shading, focal, start, stop,
+            exact, index, depth, rgb, labels,
+        )  # fmt: skip
+
+    run_chunks(rows, height, smallest=_MIN_ROWS)
+    return CastView(readonly(depth), readonly(rgb), readonly(labels), readonly(index))
 
 
 def _kind(primitive: Primitive) -> int:
@@ -149,39 +148,3 @@ def _rectangle(
     u0, v0 = np.floor((u.min(), v.min())).astype(int) - 1
     u1, v1 = np.ceil((u.max(), v.max())).astype(int) + 2
     return (max(u0, 0), min(max(u1, 0), width), max(v0, 0), min(max(v1, 0), height))
-
-
-def _shade(
-    rgb: Array,
-    depth: Array,
-    index: Array,
-    kinds: Array,
-    rotations: Array,
-    origins: Array,
-    sizes: Array,
-    focal: Floats,
-    shading: float,
-) -> Array:
-    """Darken by the angle between the surface and a light from above the camera's left."""
-    light_camera = np.array([-0.35, -0.75, -0.56])
-    out = rgb.copy()
-    for p in range(len(kinds)):
-        v, u = np.nonzero(index == p)
-        z = depth[v, u]
-        rays = np.stack([(u - focal[2]) / focal[0], (v - focal[3]) / focal[1], np.ones(len(u))], 1)
-        local = rays * z[:, None] @ rotations[p].T + origins[p]
-        normals = np.zeros_like(local)
-        if kinds[p] == BOX:
-            axis = np.argmax(np.abs(local) / sizes[p], axis=1)
-            normals[np.arange(len(u)), axis] = np.sign(local[np.arange(len(u)), axis])
-        elif kinds[p] == CYLINDER:
-            radial = np.hypot(local[:, 0], local[:, 1])
-            cap = np.abs(local[:, 2]) / sizes[p, 2] > radial / sizes[p, 0]
-            normals[cap, 2] = np.sign(local[cap, 2])
-            normals[~cap, :2] = local[~cap, :2] / radial[~cap, None]
-        else:
-            normals[:, 2] = np.sign(origins[p, 2])
-        lit = np.clip(normals @ (rotations[p] @ light_camera), 0.0, 1.0)
-        factor = 1.0 - shading * (1.0 - lit)
-        out[v, u] = np.round(rgb[v, u] * factor[:, None]).astype(np.uint8)
-    return out

@@ -26,14 +26,14 @@ def _item(
 
 
 DEMO_SPEC: dict[str, Any] = {
-    "target": _item("cereal_y", 0.84, 0.0, 0.35, _RED),
+    "target": _item("cereal_y", 0.82, -0.01, 0.30, _RED),
     "obstacles": [
-        _item("crisps_tube", 0.93, 0.185, 0.0, _BLUE),
-        _item("mug", 0.745, 0.165, 0.9, _VIOLET),
-        _item("cereal_x", 1.06, -0.06, 0.6, _YELLOW),
-        _item("beans_can", 0.93, -0.21, 0.0, _GREEN),
-        _item("cigarettes", 0.68, -0.16, -0.5, _GREY),
-        _item("lamp", 0.95, 0.03, 0.0, _GREY, 0.26),
+        _item("crisps_tube", 0.90, 0.235, 0.0, _BLUE),
+        _item("mug", 0.715, 0.155, 2.2, _VIOLET),
+        _item("cereal_x", 1.03, -0.12, 0.5, _YELLOW),
+        _item("beans_can", 0.86, -0.20, 0.0, _GREEN),
+        _item("cigarettes", 0.66, -0.16, -0.5, _GREY),
+        _item("lamp", 0.88, 0.14, 0.0, _GREY, 0.25),
     ],
     "camera": {"position": [0.12, -0.1, 1.36], "gaze": [0.86, 0.0, 0.87]},
 }
@@ -46,5 +46,5 @@ def demo_scene() -> TableScene:
 
 def demo_capture(seed: int = 0, *, noise: bool = True) -> Capture:
     """The demo's scene as a noisy capture with colours and target pixel; seed: the noise's."""
-    capture, _ = to_capture(demo_scene(), np.random.default_rng(seed), noise, shading=0.45)
+    capture, _ = to_capture(demo_scene(), np.random.default_rng(seed), noise, shading=0.4)
     return capture
