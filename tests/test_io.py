@@ -277,6 +277,22 @@ def test_bag_refuses_distortion_but_takes_a_rectified_topic(tmp_path, bag_kind):
     same(capture, whole(), "depth", "intrinsics")
 
 
+def test_bag_takes_a_camera_info_told_once_and_no_far_colour(tmp_path, bag_kind):
+    from bag_files import BagMaker
+
+    maker = BagMaker(bag_kind)
+    maker.info("/camera_info", 1.0, SEEN.intrinsics)
+    maker.image("/color", 99.0, SEEN.rgb, "bgr8")
+    maker.image("/other", 100.0, SEEN.rgb, "rgb8", frame_id="color_optical_frame")
+    maker.image("/depth", 100.0, SEEN.depth, "32FC1")
+    capture = Capture.load(maker.write(tmp_path))
+    same(capture, whole(), "depth", "intrinsics")
+    assert capture.rgb is None
+    (tmp_path / "near").mkdir()
+    maker.image("/color", 100.05, SEEN.rgb[..., ::-1], "bgr8")
+    same(Capture.load(maker.write(tmp_path / "near")), whole(), "rgb")
+
+
 def test_bag_says_what_is_missing(tmp_path, bag_kind):
     from bag_files import BagMaker
 

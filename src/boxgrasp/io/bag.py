@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import math
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -34,24 +35,33 @@ _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: 
 _COMPRESSED_HEADER: Final = 12  # of compressed_depth_image_transport, before the PNG
 _NEAR_S: Final = 1.0  # how far from the bag's messages a stamp may lie
 _COLOR_NEAR_S: Final = 0.1
+_WINDOW_NS: Final = 2_000_000_000
+_TRIES: Final = 20  # messages of a topic before it is given up
 
 
 @dataclass(frozen=True)
 class _Message:
-    """A message not decoded yet: its topic, type, stamp (s, its header's) and bytes."""
+    """A message not decoded yet: its topic, type, stamp (s, its header's), and bytes.
+
+    `recorded` is when the bag got it, in ns, the only time by which a bag can be searched.
+    """
 
     topic: str
     kind: str
     stamp: float
+    recorded: int
     raw: bytes
 
 
 @dataclass(frozen=True)
 class _Bag:
-    """An open bag: topics by message type, and how to read and decode."""
+    """An open bag: topics by message type, and how to read and decode.
+
+    `read` takes topics, and the message whose neighbours in time are wanted, or None for all.
+    """
 
     topics: dict[str, list[str]]
-    read: Callable[[Iterable[str]], Iterator[_Message]]
+    read: Callable[[Iterable[str], _Message | None], Iterator[_Message]]
     decode: Callable[[_Message], Any]
 
 
@@ -86,13 +96,16 @@ def load_bag(
         for connection in reader.connections:
             by_kind.setdefault(connection.msgtype, []).append(connection.topic)
 
-        def read(topics: Iterable[str]) -> Iterator[_Message]:
+        def read(topics: Iterable[str], near: _Message | None) -> Iterator[_Message]:
             names = set(topics)
             wanted = [c for c in reader.connections if c.topic in names]
             if not wanted:  # rosbags takes no connection for every connection
                 return
-            for connection, _, raw in reader.messages(wanted):
-                yield _Message(connection.topic, connection.msgtype, _stamp(raw, ros2), bytes(raw))
+            start = near.recorded - _WINDOW_NS if near is not None else None
+            stop = near.recorded + _WINDOW_NS if near is not None else None
+            for connection, recorded, raw in reader.messages(wanted, start, stop):
+                stamped = _stamp(raw, ros2)
+                yield _Message(connection.topic, connection.msgtype, stamped, recorded, bytes(raw))
 
         def decode(message: _Message) -> Any:
             decoder = store.deserialize_cdr if ros2 else store.deserialize_ros1
@@ -116,24 +129,26 @@ def _capture(bag: _Bag, cloud_frame: CloudFrame, topic: str | None, stamp: float
     listed = ", ".join(usable) or "none (a PointCloud2, or a depth Image with CameraInfo)"
     if topic is not None and topic not in usable:
         raise CaptureError(f"bag has no cloud or image on topic {topic!r}; valid: {listed}")
-    reason = ""
-    for message in bag.read(usable if topic is None else [topic]):
+    if topic is not None and stamp is not None:
+        return _nearest_capture(bag, topic, cloud_frame, stamp)
+    reason, tries = "", Counter[str]()
+    for message in bag.read(usable if topic is None else [topic], None):
+        if tries[message.topic] == _TRIES:
+            continue
         try:
             capture = _read_message(bag, message, cloud_frame)
         except CaptureError as error:
+            tries[message.topic] += 1
             reason = reason or f"{message.topic}: {error}"
-            if stamp is None:
-                continue  # the first that can be used
-            capture = None
-        if stamp is None and capture is not None:
+            continue
+        if stamp is None:
             return capture
-        if capture is not None or topic is not None:
-            return _nearest_capture(bag, message.topic, cloud_frame, float(stamp or 0.0))
+        return _nearest_capture(bag, message.topic, cloud_frame, stamp)
     raise CaptureError(reason or f"bag has no message to use; topics: {listed}")
 
 
 def _nearest_capture(bag: _Bag, topic: str, cloud_frame: CloudFrame, stamp: float) -> Capture:
-    message, first, last = _nearest(bag.read([topic]), stamp)
+    message, first, last = _nearest(bag.read([topic], None), stamp)
     if message is None or not first - _NEAR_S <= stamp <= last + _NEAR_S:
         raise CaptureError(f"stamp {stamp} is not on topic {topic}; valid: {first} to {last}")
     return _read_message(bag, message, cloud_frame)
@@ -158,8 +173,8 @@ def _read_message(bag: _Bag, message: _Message, cloud_frame: CloudFrame) -> Capt
     else:
         depth, topic = _depth(decoded), message.topic
     size = (depth.shape[1], depth.shape[0])
-    intrinsics = _intrinsics(bag, topic, message.stamp, size)
-    rgb = _rgb(bag, message.stamp, size, str(decoded.header.frame_id))
+    intrinsics = _intrinsics(bag, topic, message, size)
+    rgb = _rgb(bag, message, size, str(decoded.header.frame_id))
     return Capture(depth, intrinsics, rgb=rgb)
 
 
@@ -197,7 +212,9 @@ def _compressed_depth(image: Any) -> NDArray[np.float32]:
     return (read_depth_png(data, None) * 0.001).astype(np.float32)
 
 
-def _intrinsics(bag: _Bag, topic: str, stamp: float, size: tuple[int, int]) -> NDArray[np.float64]:
+def _intrinsics(
+    bag: _Bag, topic: str, image: _Message, size: tuple[int, int]
+) -> NDArray[np.float64]:
     """(3, 3) of the CameraInfo beside the topic, else of the only one; the nearest in time."""
     infos = sorted(set(bag.topics.get(_INFO, [])))
     beside = topic.rpartition("/")[0] + "/camera_info"
@@ -205,7 +222,9 @@ def _intrinsics(bag: _Bag, topic: str, stamp: float, size: tuple[int, int]) -> N
         found = ", ".join(infos) or "none"
         raise CaptureError(f"depth image has no CameraInfo on {beside}; found: {found}")
     name = beside if beside in infos else infos[0]
-    nearest, _, _ = _nearest(bag.read([name]), stamp)
+    nearest, _, _ = _nearest(bag.read([name], image), image.stamp)
+    if nearest is None:  # told once at the start, as latched topics are
+        nearest, _, _ = _nearest(bag.read([name], None), image.stamp)
     if nearest is None:
         raise CaptureError(f"depth image has no CameraInfo: topic {name} holds no message")
     info = bag.decode(nearest)
@@ -225,17 +244,19 @@ def _intrinsics(bag: _Bag, topic: str, stamp: float, size: tuple[int, int]) -> N
     return np.array(info.K if hasattr(info, "K") else info.k, np.float64).reshape(3, 3)
 
 
-def _rgb(bag: _Bag, stamp: float, size: tuple[int, int], frame_id: str) -> NDArray[np.uint8] | None:
+def _rgb(
+    bag: _Bag, depth: _Message, size: tuple[int, int], frame_id: str
+) -> NDArray[np.uint8] | None:
     """(H, W, 3) uint8 of the colour image of the same frame, size and time, if there is one."""
     best, apart = None, _COLOR_NEAR_S
-    for message in bag.read(bag.topics.get(_IMAGE, [])):
-        if abs(message.stamp - stamp) >= apart:
+    for message in bag.read(bag.topics.get(_IMAGE, []), depth):
+        if abs(message.stamp - depth.stamp) >= apart:
             continue
         image = bag.decode(message)
         registered = str(image.header.frame_id) == frame_id
         if registered and (image.width, image.height) == size:
             if image.encoding in _COLOR_ENCODINGS:
-                best, apart = image, abs(message.stamp - stamp)
+                best, apart = image, abs(message.stamp - depth.stamp)
     if best is None:
         return None
     channels, order = _COLOR_ENCODINGS[str(best.encoding)]
