@@ -8,23 +8,30 @@ from __future__ import annotations
 import copy
 import os
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from boxgrasp.errors import BoxgraspError, CaptureError
-from boxgrasp.frames import Floats, Points, check_transform, invert, readonly
+from boxgrasp.errors import CaptureError
+from boxgrasp.frames import Floats, Points, readonly
+from boxgrasp.view import (
+    CLOUD_FRAMES,
+    Bools,
+    Bytes,
+    CloudFrame,
+    check_cloud,
+    check_colors,
+    check_depth,
+    check_intrinsics,
+    check_mask,
+    check_pixel,
+    check_points,
+    check_pose,
+    in_order,
+)
 
-Bools = NDArray[np.bool_]
 Pixels = NDArray[np.int32]
-Bytes = NDArray[np.uint8]
-CloudFrame = Literal["optical", "base"]
-
-CLOUD_FRAMES: Final[tuple[str, ...]] = get_args(CloudFrame)
-FARTHEST_M: Final = 65.535  # what 16 bits of millimetres hold; beyond it no depth camera measures
-_BAD_SHARE = 0.001
-_MILLIMETRES_ABOVE_M = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +72,18 @@ class Capture:
     notes: tuple[str, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
-        depth, notes = _check_depth(self.depth)
+        depth, notes = check_depth(self.depth)
         shape = (depth.shape[0], depth.shape[1])
-        robot_mask = _check_mask(self.robot_mask, shape, "robot_mask")
+        robot_mask = check_mask(self.robot_mask, shape, "robot_mask")
         if robot_mask is not None and not ((depth > 0) & ~robot_mask).any():
             raise CaptureError("robot_mask covers every pixel that has depth; valid: the arm only")
         self._set(
             depth=readonly(depth),
-            intrinsics=_check_intrinsics(self.intrinsics, shape),
-            T_base_camera=_check_pose(self.T_base_camera),
-            rgb=_check_colors(self.rgb, shape, "rgb"),
-            mask=_check_mask(self.mask, shape, "mask"),
-            target_pixel=_check_pixel(self.target_pixel, shape),
+            intrinsics=check_intrinsics(self.intrinsics, shape),
+            T_base_camera=check_pose(self.T_base_camera),
+            rgb=check_colors(self.rgb, shape, "rgb"),
+            mask=check_mask(self.mask, shape, "mask"),
+            target_pixel=check_pixel(self.target_pixel, shape),
             robot_mask=robot_mask,
             notes=notes,
         )
@@ -105,21 +112,21 @@ class Capture:
         if cloud_frame not in CLOUD_FRAMES:
             valid = ", ".join(CLOUD_FRAMES)
             raise CaptureError(f"cloud_frame is {cloud_frame!r}; valid: {valid}")
-        T = _check_pose(T_base_camera)
-        xyz, shape = _check_points(points)
+        T = check_pose(T_base_camera)
+        xyz, shape = check_points(points)
         beside = shape if shape is not None else (len(xyz),)
-        rgb = _check_colors(colors, beside, "colors")
+        rgb = check_colors(colors, beside, "colors")
         rgb = rgb.reshape(-1, 3) if rgb is not None else None
-        target = _check_mask(mask, beside, "mask")
-        robot = _check_mask(robot_mask, beside, "robot_mask")
-        pixel = _check_pixel(target_pixel, shape)
-        keep, notes = _check_cloud(xyz, cloud_frame, T)
+        target = check_mask(mask, beside, "mask")
+        robot = check_mask(robot_mask, beside, "robot_mask")
+        pixel = check_pixel(target_pixel, shape)
+        keep, notes = check_cloud(xyz, cloud_frame, T)
         if robot is not None and not (keep & ~robot.reshape(-1)).any():
             raise CaptureError("robot_mask covers every valid point; valid: the arm only")
         if shape is not None:
             xyz[~keep] = np.nan
         else:
-            xyz, rgb, target, robot = _in_order(keep, xyz, rgb, target, robot)
+            xyz, rgb, target, robot = in_order(keep, xyz, rgb, target, robot)
         capture = object.__new__(cls)
         capture._set(
             depth=None,
@@ -222,245 +229,3 @@ def _depth_points(
     (fx, _, cx), (_, fy, cy) = intrinsics[:2].tolist()
     count = backproject(depth, fx, fy, cx, cy, dropped, step, points, pixels)
     return readonly(points[:count]), readonly(pixels[:count])
-
-
-def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):
-        raise CaptureError(f"{name} is not an array; valid: {valid}") from None
-    if array.dtype.kind not in "fiub":
-        raise CaptureError(f"{name} holds {array.dtype}; valid: {valid}")
-    return array
-
-
-def _check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
-    """(H, W) float32 with 0 for missing, its own copy, and notes."""
-    depth = _array(value, "depth", "(height, width) float metres")
-    if depth.dtype.kind != "f":
-        raise CaptureError(
-            f"depth is {depth.dtype}; valid: float metres (divide millimetres by 1000)"
-        )
-    if depth.ndim != 2 or depth.size == 0:
-        raise CaptureError(f"depth has shape {depth.shape}; valid: (height, width)")
-    with np.errstate(invalid="ignore", over="ignore"):
-        depth = np.asarray(depth, np.float32, order="C")
-        odd = int(np.count_nonzero(depth < 0))
-        clean = np.fmax(depth, np.float32(0))  # a copy; NaN and negatives become 0
-    farthest, millimetres = clean.max(), 0
-    if farthest == np.inf:
-        odd += int(np.count_nonzero(clean == np.inf))
-        clean[clean == np.inf] = 0
-    measured, beyond = int(np.count_nonzero(clean)), 0
-    if farthest > _MILLIMETRES_ABOVE_M:  # rare, so the passes below cost nothing as a rule
-        millimetres = int(np.count_nonzero(clean > _MILLIMETRES_ABOVE_M))
-        beyond = int(np.count_nonzero(clean > FARTHEST_M))
-        clean[clean > FARTHEST_M] = 0
-    if odd > _BAD_SHARE * depth.size:
-        raise CaptureError(
-            f"depth is negative or infinite at {odd} of {depth.size} pixels; "
-            f"valid: metres, with 0 or NaN for missing"
-        )
-    if 2 * millimetres > measured:
-        raise CaptureError(_looks_like_millimetres("depth"))
-    if measured == beyond:
-        raise CaptureError("depth is missing at every pixel; valid: metres, above 0 where measured")
-    notes = []
-    if odd:
-        notes.append(f"{odd} negative or infinite depths of {depth.size} taken as missing")
-    if beyond:
-        notes.append(f"{beyond} depths above {FARTHEST_M} m of {depth.size} taken as missing")
-    return clean, tuple(notes)
-
-
-def _looks_like_millimetres(name: str) -> str:
-    return (
-        f"{name} looks like millimetres (median above {_MILLIMETRES_ABOVE_M:g} m); "
-        "valid: metres (divide by 1000)"
-    )
-
-
-def _check_intrinsics(value: Any, shape: tuple[int, int]) -> Floats:
-    """(3, 3) float64 of a pinhole camera without skew, in pixels of an image of this shape."""
-    if value is None:
-        raise CaptureError("intrinsics are missing; valid: a (3, 3) camera matrix in pixels")
-    K = _array(value, "intrinsics", "a (3, 3) camera matrix in pixels").astype(np.float64)
-    if K.shape != (3, 3):
-        raise CaptureError(f"intrinsics have shape {K.shape}; valid: (3, 3)")
-    if not np.isfinite(K).all():
-        raise CaptureError("intrinsics hold NaN or infinity; valid: finite pixels")
-    fx, fy, cx, cy = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
-    if K[2].tolist() != [0, 0, 1] or K[1, 0] != 0 or abs(K[0, 1]) > 1e-6 * abs(fx):
-        raise CaptureError(
-            "intrinsics are not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; valid: no skew, not turned"
-        )
-    K[0, 1] = 0.0
-    height, width = shape
-    for name, f, size in (("fx", fx, width), ("fy", fy, height)):
-        if not size / 50 <= f <= size * 1000:
-            raise CaptureError(
-                f"intrinsics have {name} = {f:g} for {size} pixels; valid: a focal length in pixels"
-            )
-    for name, c, size in (("cx", cx, width), ("cy", cy, height)):
-        if not -size <= c <= 2 * size:
-            raise CaptureError(
-                f"intrinsics have {name} = {c:g} for {size} pixels; valid: near the image's middle"
-            )
-    return readonly(K)
-
-
-def _check_pose(T: Any) -> Floats | None:
-    if T is None:
-        return None
-    try:
-        return check_transform(T, "T_base_camera")
-    except CaptureError:
-        raise
-    except BoxgraspError as error:
-        raise CaptureError(str(error)) from None
-
-
-def _check_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
-    """A copy of uint8 colours of the given image or cloud shape."""
-    if value is None:
-        return None
-    colors = _array(value, name, "uint8 red, green, blue")
-    if colors.dtype != np.uint8:
-        raise CaptureError(f"{name} holds {colors.dtype}; valid: uint8")
-    flat = (int(np.prod(shape)), 3)
-    if colors.shape != (*shape, 3) and not (name == "colors" and colors.shape == flat):
-        raise CaptureError(f"{name} has shape {colors.shape}; valid: {(*shape, 3)}")
-    return readonly(np.array(colors, order="C"))
-
-
-def _check_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None:
-    """A copy as bool; uint8 (an image) counts where it is not 0. The target's marks something."""
-    if value is None:
-        return None
-    mask = _array(value, name, "bool")
-    if mask.dtype not in (np.bool_, np.uint8):
-        raise CaptureError(f"{name} holds {mask.dtype}; valid: bool")
-    if mask.shape != shape:
-        raise CaptureError(f"{name} has shape {mask.shape}; valid: {shape}, as the depth")
-    marked = mask != 0
-    if name == "mask" and not marked.any():
-        raise CaptureError("mask is empty; valid: True on the target's pixels")
-    return readonly(np.ascontiguousarray(marked))
-
-
-def _check_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | None:
-    """(u, v) inside the image, rounded to the pixel."""
-    if value is None:
-        return None
-    pixel = _array(value, "target_pixel", "(u, v)")
-    if pixel.shape != (2,) or pixel.dtype.kind == "b" or not np.isfinite(pixel).all():
-        raise CaptureError(f"target_pixel is {pixel.tolist()!r:.80}; valid: (u, v)")
-    if shape is None:
-        raise CaptureError("target_pixel is given without an image; valid: with an organised cloud")
-    u, v = (round(x) for x in pixel.tolist())
-    if not (0 <= u < shape[1] and 0 <= v < shape[0]):
-        raise CaptureError(
-            f"target_pixel ({u}, {v}) is outside the image; "
-            f"valid: u 0 to {shape[1] - 1}, v 0 to {shape[0] - 1}"
-        )
-    return u, v
-
-
-@np.errstate(invalid="ignore", over="ignore")
-def _check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
-    """A flat (N, 3) float32 copy, and (H, W) where the cloud is organised."""
-    points = _array(value, "points", "(N, 3) or (H, W, 3) float metres")
-    if points.dtype.kind != "f":
-        raise CaptureError(f"points are {points.dtype}; valid: float metres")
-    if points.ndim not in (2, 3) or points.shape[-1] != 3:
-        raise CaptureError(f"points have shape {points.shape}; valid: (N, 3) or (H, W, 3)")
-    if points.size == 0:
-        raise CaptureError("cloud is empty; valid: at least one point")
-    shape = None
-    if points.ndim == 3 and min(points.shape[:2]) > 1:
-        shape = (points.shape[0], points.shape[1])
-    flat = np.array(points, np.float32, order="C").reshape(-1, 3)
-    flat += np.float32(0)  # -0.0 becomes 0.0: one value, one place in the order
-    return flat, shape
-
-
-@np.errstate(invalid="ignore", over="ignore")
-def _check_cloud(
-    points: Points, cloud_frame: CloudFrame, T_base_camera: Floats | None
-) -> tuple[Bools, tuple[str, ...]]:
-    """(N,) True where a point is valid, and notes."""
-    x, y, z = points.T
-    keep = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
-    odd = int(np.count_nonzero(np.isinf(points).any(axis=1))) if not keep.all() else 0
-    keep &= (x != 0) | (y != 0) | (z != 0)
-    if cloud_frame == "optical":
-        behind = keep & (z <= 0)
-        odd += int(np.count_nonzero(behind))
-        keep &= z > 0
-    if odd > _BAD_SHARE * len(points):
-        raise CaptureError(
-            f"cloud has {odd} of {len(points)} points infinite or behind the camera; valid: z "
-            "forward, in metres (or cloud frame 'base' for points in a frame with z up)"
-        )
-    valid = int(np.count_nonzero(keep))
-    if valid == 0:
-        raise CaptureError("cloud has no valid point; valid: finite metres")
-    sample = points[keep][:: max(1, valid // 100_000)] if valid < len(points) else points
-    sample = np.sort(sample[:: max(1, len(sample) // 100_000)], axis=0)
-    middle = 0.0 if cloud_frame == "optical" else sample[len(sample) // 2]
-    if np.median(np.abs(sample - middle).max(axis=1)) > _MILLIMETRES_ABOVE_M:
-        raise CaptureError(_looks_like_millimetres("cloud"))
-    notes = []
-    if odd:
-        notes.append(f"{odd} infinite points or behind the camera, of {len(points)}, dropped")
-    if cloud_frame == "optical":
-        keep &= z <= FARTHEST_M
-    elif T_base_camera is not None:
-        T_camera_base = invert(T_base_camera)
-        depths = sample @ T_camera_base[2, :3] + T_camera_base[2, 3]
-        if np.median(depths) <= 0:
-            notes.append("the camera pose given looks away from most of the cloud")
-    if not keep.any():
-        raise CaptureError(f"cloud has no point within {FARTHEST_M} m; valid: metres")
-    return keep, tuple(notes)
-
-
-def _in_order(
-    keep: Bools, points: Points, colors: Bytes | None, mask: Bools | None, robot_mask: Bools | None
-) -> tuple[Points, Bytes | None, Bools | None, Bools | None]:
-    """Valid points and what lies beside them, sorted by x, y, z; read-only."""
-    if not keep.all():
-        points = points[keep]
-        colors = colors[keep] if colors is not None else None
-        mask = mask[keep] if mask is not None else None
-        robot_mask = robot_mask[keep] if robot_mask is not None else None
-        if mask is not None and not mask.any():
-            raise CaptureError("mask marks no valid point; valid: True on the target's points")
-    columns = [] if colors is None else list(colors.T)
-    columns += [m for m in (mask, robot_mask) if m is not None]
-    order = _canonical_order(points, columns)
-    return (
-        readonly(points[order]),
-        readonly(colors[order]) if colors is not None else None,
-        readonly(mask[order]) if mask is not None else None,
-        readonly(robot_mask[order]) if robot_mask is not None else None,
-    )
-
-
-def _canonical_order(points: Points, columns: list[NDArray[Any]]) -> NDArray[np.int64]:
-    """Lexicographic order of x, y, z, then the columns: six times faster than np.lexsort."""
-
-    def rising(x: Points) -> NDArray[np.uint64]:
-        bits = np.ascontiguousarray(x).view(np.uint32)  # IEEE: flipped so that order is unsigned
-        flipped = np.where(bits >> 31, ~bits, bits | np.uint32(1 << 31))
-        return np.asarray(flipped, np.uint64)
-
-    keys = (rising(points[:, 0]) << np.uint64(32)) | rising(points[:, 1])
-    order = np.argsort(keys)
-    equal = keys[order[1:]] == keys[order[:-1]]
-    if equal.any():
-        tied = np.append(equal, False) | np.append(False, equal)
-        among = order[tied]
-        last = [column[among] for column in reversed(columns)]
-        order[tied] = among[np.lexsort((*last, points[among, 2], keys[among]))]
-    return order

@@ -10,8 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.capture import CLOUD_FRAMES, Capture, CloudFrame
+from boxgrasp.capture import Capture
 from boxgrasp.errors import BoxgraspError, CaptureError, MissingExtraError
+from boxgrasp.view import CLOUD_FRAMES, CloudFrame
 
 _LONGEST: Final = 300
 _log = logging.getLogger("boxgrasp.io")

@@ -10,11 +10,12 @@ from typing import IO, Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.capture import Capture, CloudFrame
+from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
 from boxgrasp.frames import Floats, make_transform
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import check_points, header_lines, remaining_bytes
+from boxgrasp.view import CloudFrame
 
 _ENCODINGS: Final = ("ascii", "binary", "binary_compressed")
 _LZF_RATIO: Final = 100  # one LZF token of 3 bytes unpacks to at most 264
