@@ -96,11 +96,10 @@ class LocalMap:
         readonly(self.lowest)
         readonly(self.log_odds)
         readonly(self.known)
-        # Log-odds rise with p, so the thresholds are compared there: no exp a cell.
-        state = np.full(self.log_odds.shape, UNSEEN, dtype=np.uint8)
-        p = self.probability
-        state[self.known & (p > self.occupied_above)] = OCCUPIED
-        state[self.known & (p < self.free_below)] = FREE
+        # Log-odds rise with p, so the thresholds are compared there, without an exp a cell. A cell
+        # that is not known has 0, between them.
+        state = (self.log_odds > log_odds(self.occupied_above)).astype(np.uint8)
+        state += self.log_odds >= log_odds(self.free_below)
         object.__setattr__(self, "_state", readonly(state))
 
     @property
@@ -226,7 +225,7 @@ def map_from_octomap(
 
 
 def lattice_transform(T_base_map: Floats, resolution_m: float) -> Floats:
-    """T_lattice_base: the lattice frame is the map frame half a cell down (DESIGN: Local map)."""
+    """T_lattice_base: in the lattice frame, half a cell below the map frame, cells are OctoMap's."""
     T = invert(T_base_map)
     T[2, 3] += 0.5 * resolution_m
     return T
@@ -386,7 +385,7 @@ def _bundle_side(
     """Bins along a cube face: a bundle is about half a cell wide at the grid's centre."""
     centre = (lowest + np.array(shape) / 2) * resolution_m
     distance = float(np.max(np.abs(centre - origin)))
-    wanted = 2.0 * distance / (0.5 * resolution_m)
+    wanted = 2.0 * distance / (0.45 * resolution_m)
     return int(max(4, min(wanted, 192, math.sqrt(count))))
 
 

@@ -54,6 +54,7 @@ def classify(
     lx, ly, lz = lowest[0], lowest[1], lowest[2]
     ox, oy, oz = origin[0], origin[1], origin[2]
     nx, ny, nz = occupied.shape
+    hx, hy, hz = lx + nx, ly + ny, lz + nz
     half = 0.5 * side
     for i in range(start, stop):
         x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
@@ -71,9 +72,9 @@ def classify(
             and -TREE_HALF <= fz < TREE_HALF
         ):
             continue
-        fx, fy, fz = fx - lx, fy - ly, fz - lz
-        if 0 <= fx < nx and 0 <= fy < ny and 0 <= fz < nz:
-            occupied[int(fx), int(fy), int(fz)] = 1
+        if lx <= fx < hx and ly <= fy < hy and lz <= fz < hz:
+            kx, ky, kz = math.floor(fx), math.floor(fy), math.floor(fz)
+            occupied[int(kx) - lx, int(ky) - ly, int(kz) - lz] = 1
         if not has_origin:
             continue
         dx, dy, dz = px - ox, py - oy, pz - oz
