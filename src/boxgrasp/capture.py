@@ -200,7 +200,8 @@ class Capture:
         if keep.all():
             points, pixels = self.points, np.arange(len(keep), dtype=np.int32)
         else:
-            points, pixels = self.points[keep], np.flatnonzero(keep).astype(np.int32)
+            kept = np.flatnonzero(keep)
+            points, pixels = np.take(self.points, kept, axis=0), kept.astype(np.int32)
         if self.cloud_shape is None:
             pixels = np.full(len(points), -1, np.int32)
         return readonly(points), readonly(pixels)

@@ -202,21 +202,23 @@ def check_cloud(
     valid = int(np.count_nonzero(keep))
     if valid == 0:
         raise CaptureError("cloud has no valid point; valid: finite metres")
-    sample = points[keep][:: max(1, valid // 100_000)] if valid < len(points) else points
-    sample = np.sort(sample[:: max(1, len(sample) // 100_000)], axis=0)
-    middle = 0.0 if cloud_frame == "optical" else sample[len(sample) // 2]
-    if np.median(np.abs(sample - middle).max(axis=1)) > _MILLIMETRES_ABOVE_M:
-        raise CaptureError(_looks_like_millimetres("cloud"))
     notes = []
     if odd:
         notes.append(f"{odd} infinite points or behind the camera, of {len(points)}, dropped")
     if cloud_frame == "optical":
+        far = np.count_nonzero(keep & (z > _MILLIMETRES_ABOVE_M))
         keep &= z <= FARTHEST_M
-    elif T_base_camera is not None:
-        T_camera_base = invert(T_base_camera)
-        depths = sample @ T_camera_base[2, :3] + T_camera_base[2, 3]
-        if np.median(depths) <= 0:
-            notes.append("the camera pose given looks away from most of the cloud")
+    else:
+        kept = points if valid == len(points) else np.take(points, np.flatnonzero(keep), axis=0)
+        apart = np.abs(kept - np.median(kept, axis=0))  # base frames may lie far from the scene
+        far = np.count_nonzero(apart.max(axis=1) > _MILLIMETRES_ABOVE_M)
+        if T_base_camera is not None:
+            T_camera_base = invert(T_base_camera)
+            ahead = kept @ T_camera_base[2, :3].astype(np.float32) > -T_camera_base[2, 3]
+            if 2 * np.count_nonzero(ahead) < valid:
+                notes.append("the camera pose given looks away from most of the cloud")
+    if 2 * far > valid:
+        raise CaptureError(_looks_like_millimetres("cloud"))
     if not keep.any():
         raise CaptureError(f"cloud has no point within {FARTHEST_M} m; valid: metres")
     return keep, tuple(notes)
@@ -227,7 +229,7 @@ def in_order(
 ) -> tuple[Points, Bytes | None, Bools | None, Bools | None]:
     """Valid points and what lies beside them, sorted by x, y, z; read-only."""
     if not keep.all():
-        points = points[keep]
+        points = np.take(points, np.flatnonzero(keep), axis=0)
         colors = colors[keep] if colors is not None else None
         mask = mask[keep] if mask is not None else None
         robot_mask = robot_mask[keep] if robot_mask is not None else None
@@ -237,8 +239,8 @@ def in_order(
     columns += [m for m in (mask, robot_mask) if m is not None]
     order = _canonical_order(points, columns)
     return (
-        readonly(points[order]),
-        readonly(colors[order]) if colors is not None else None,
+        readonly(np.take(points, order, axis=0)),
+        readonly(np.take(colors, order, axis=0)) if colors is not None else None,
         readonly(mask[order]) if mask is not None else None,
         readonly(robot_mask[order]) if robot_mask is not None else None,
     )
