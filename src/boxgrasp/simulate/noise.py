@@ -85,4 +85,4 @@ def colour_noise(
     # A byte a value picks one of 256 equally likely steps: five times faster than normal draws.
     steps = [NormalDist().inv_cdf((k + 0.5) / 256) * model.colour_sigma for k in range(256)]
     draws = np.rint(steps).astype(np.int16)[rng.integers(0, 256, rgb.shape, dtype=np.uint8)]
-    return np.clip(rgb + draws, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(rgb + draws, 0, 255), dtype=np.uint8)
