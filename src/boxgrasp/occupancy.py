@@ -225,7 +225,7 @@ def map_from_octomap(
 
 
 def lattice_transform(T_base_map: Floats, resolution_m: float) -> Floats:
-    """T_lattice_base: in the lattice frame, half a cell below the map frame, cells are OctoMap's."""
+    """T_lattice_base: half a cell below the map frame, where the cells are OctoMap's."""
     T = invert(T_base_map)
     T[2, 3] += 0.5 * resolution_m
     return T
