@@ -1,11 +1,18 @@
 """Sphinx settings; `make docs` builds with warnings as errors."""
 
-from boxgrasp import __version__
+import dataclasses
+import re
+import typing
+from pathlib import Path
+
+import boxgrasp
+from boxgrasp.config import Config
+from boxgrasp.strict import describe
 
 project = "boxgrasp"
 author = "the boxgrasp authors"
 project_copyright = "the boxgrasp authors, Apache-2.0"
-version = release = __version__
+version = release = boxgrasp.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
 exclude_patterns = ["_build"]
@@ -17,3 +24,29 @@ autodoc_class_signature = "separated"
 html_theme = "furo"
 html_title = "boxgrasp"
 html_show_sphinx = False
+
+
+def settings_of(kind, place=()):
+    """A table of each section's settings, their defaults and ranges, from the code itself."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    default = kind()
+    own = [f.name for f in dataclasses.fields(kind) if not dataclasses.is_dataclass(hints[f.name])]
+    lines = [f"### `{'.'.join(place)}`" if place else "### At the top", ""]
+    if place:
+        lines += [re.sub(r"\s+", " ", (kind.__doc__ or "").split("Raises:")[0]).strip(), ""]
+    lines += ["| setting | default | valid |", "|---|---|---|"]
+    for name in own:
+        value = getattr(default, name)
+        value = "the fingertips" if name == "T_gripper_tcp" else value
+        value = ", ".join(map(str, value)) if isinstance(value, tuple) else value
+        lines.append(f"| `{name}` | {value} | {describe(hints[name])} |")
+    lines.append("")
+    for name, hint in hints.items():
+        if dataclasses.is_dataclass(hint):
+            lines += settings_of(hint, (*place, name))
+    return lines
+
+
+built = Path(__file__).parent / "_build"
+built.mkdir(exist_ok=True)
+(built / "settings.md").write_text("\n".join(settings_of(Config)), "utf-8")

@@ -14,6 +14,7 @@ from typing import Any
 
 from boxgrasp.box import BoxConfig
 from boxgrasp.check import CheckConfig
+from boxgrasp.choosers import NAMES
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.gripper import Gripper
 from boxgrasp.occupancy import OccupancyConfig
@@ -24,7 +25,13 @@ from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 
 @dataclass(frozen=True)
 class Config:
-    """Everything that can be set, room by room; see `boxgrasp config`."""
+    """Everything that can be set, room by room; see `boxgrasp config`.
+
+    chooser: who orders the options. unchecked: take its word alone, without the check.
+
+    Raises:
+        ConfigError: no chooser has that name.
+    """
 
     scene: SceneConfig = field(default_factory=SceneConfig)
     box: BoxConfig = field(default_factory=BoxConfig)
@@ -34,6 +41,10 @@ class Config:
     check: CheckConfig = field(default_factory=CheckConfig)
     chooser: str = "clearance"
     unchecked: bool = False
+
+    def __post_init__(self) -> None:
+        if self.chooser not in NAMES:
+            raise ConfigError(f"unknown chooser: {self.chooser}; valid: {', '.join(NAMES)}")
 
 
 def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Config:
