@@ -1,0 +1,107 @@
+"""Scenes by how clear their best option truly is, and what an answer is worth in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxgrasp.gripper import Gripper
+from boxgrasp.simulate import (
+    OptionTruth,
+    TableScene,
+    TrueOption,
+    draw_scene,
+    option_truth,
+    true_options,
+)
+
+# Least and most true clearance of a scene's best valid option, m (issue bars).
+BANDS = {"solvable": (0.025, np.inf), "between": (0.015, 0.025), "hopeless": (0.0, 0.015)}
+CLEAR_M = 0.02
+SAFE_M = 0.06
+SAFE_SLACK_M = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedScene:
+    """A scene with the numbers of its true options; seed draws scene and noise again."""
+
+    seed: tuple[int, int]
+    scene: TableScene
+    options: TrueOption
+    truth: OptionTruth
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """The generator for the scene's noise."""
+        return np.random.default_rng((*self.seed, 1))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One answered pose against exact surfaces, hidden sides included."""
+
+    clearance_m: float
+    clear: bool
+    safe: bool
+    off_table: bool
+    free_approach: bool
+    fits: bool
+
+    @property
+    def good(self) -> bool:
+        """Whether the grasp may be done: clear, off the table, free approach, fits."""
+        return self.clear and self.off_table and self.free_approach and self.fits
+
+
+def band_of(best_m: float) -> str:
+    """Name of the band that a scene's best true clearance falls in."""
+    return next(name for name, (least, most) in BANDS.items() if least <= best_m < most)
+
+
+def judged(seed: int, number: int, **draw: object) -> JudgedScene:
+    """Scene `number` of a seed: the same whatever other scenes were drawn."""
+    scene = draw_scene(np.random.default_rng((seed, number, 0)), **draw)  # type: ignore[arg-type]
+    options = true_options(scene)
+    truth = option_truth(scene, options.T_base_gripper)
+    return JudgedScene((seed, number), scene, options, truth)
+
+
+def scenes(seed: int, count: int, band: str, **draw: object) -> Iterator[JudgedScene]:
+    """The first `count` scenes of a seed whose best option is in the band."""
+    number = 0
+    while count:
+        candidate = judged(seed, number, **draw)
+        number += 1
+        if band_of(candidate.truth.best_m) == band:
+            count -= 1
+            yield candidate
+
+
+def verdict(
+    judged_scene: JudgedScene, T_base_gripper: np.ndarray, gripper: Gripper | None = None
+) -> Verdict:
+    """What an answered pose (4, 4) is worth; safe: within 5 mm of u or more (u: strict score)."""
+    truth = option_truth(judged_scene.scene, np.asarray(T_base_gripper)[None], gripper=gripper)
+    clearance = float(truth.clearance_m[0])
+    u = min(SAFE_M, judged_scene.truth.best_m)
+    return Verdict(
+        clearance_m=clearance,
+        clear=clearance >= CLEAR_M,
+        safe=clearance >= u - SAFE_SLACK_M,
+        off_table=bool(truth.support_m[0] > 0),
+        free_approach=bool(truth.approach_m[0] > 0),
+        fits=bool(truth.fits[0]),
+    )
+
+
+def wilson(hits: int, of: int, z: float = 1.96) -> tuple[float, float]:
+    """95 % interval of a share (Wilson 1927)."""
+    if of == 0:
+        return (0.0, 1.0)
+    p, n = hits / of, float(of)
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (max(0.0, middle - half), min(1.0, middle + half))
