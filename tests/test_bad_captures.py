@@ -216,11 +216,11 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "depth bomb of a middle size": (
         lambda f: (
-            camera(width=10_000, height=9_500)(f),
-            (f / "view/depth.png").write_bytes(bomb_png(10_000, 9_500)),
+            camera(width=9_000, height=8_000)(f),
+            (f / "view/depth.png").write_bytes(bomb_png(9_000, 8_000)),
             f / "view",
         )[2],
-        "at most",
+        "9000 x 8000 pixels; valid: at most",
     ),
     "colour cut": (cut("color.png"), "truncated|damaged"),
     "colour size": (image("color.png", SEEN.rgb[:-1]), "color.png is 32 x 23"),

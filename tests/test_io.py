@@ -312,7 +312,9 @@ def test_bag_says_what_is_missing(tmp_path, bag_kind):
 def test_bag_without_rosbags_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
     (tmp_path / "view.bag").write_bytes(b"#ROSBAG V2.0\n")
-    with pytest.raises(MissingExtraError, match=r"pip install 'boxgrasp\[io\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"view.bag: .* rosbags; .* pip install 'boxgrasp\[io\]'"
+    ):
         Capture.load(tmp_path / "view.bag")
 
 

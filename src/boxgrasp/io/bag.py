@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.capture import Capture
-from boxgrasp.errors import CaptureError, MissingExtraError
+from boxgrasp.errors import CaptureError
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import MAX_PIXELS, check_points
 from boxgrasp.io.images import read_depth_png
@@ -76,18 +76,14 @@ def load_bag(
 
     Raises:
         CaptureError: damaged, no such topic or time, or no usable message.
-        MissingExtraError: rosbags is not installed.
+        ImportError: rosbags is not installed.
     """
     if stamp is not None and not math.isfinite(stamp):
         raise CaptureError(f"stamp is {stamp}; valid: seconds, finite")
-    try:
-        from rosbags.rosbag1 import Reader as Reader1
-        from rosbags.rosbag2 import Reader as Reader2
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise MissingExtraError(
-            f"{path}: a ROS bag needs rosbags; install it with: pip install 'boxgrasp[io]'"
-        ) from None
+    from rosbags.rosbag1 import Reader as Reader1  # the extra `io`
+    from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.typesys import Stores, get_typestore
+
     ros2 = path.suffix.lower() != ".bag"
     store = get_typestore(Stores.ROS2_HUMBLE if ros2 else Stores.ROS1_NOETIC)
     reader: Any = Reader2(path) if ros2 else Reader1(path)

@@ -36,8 +36,12 @@ def load_capture(
     try:
         with np.errstate(all="ignore"):  # a file's odd floats are judged, not warned about
             return _reader(place, cloud_frame, topic, stamp)()
-    except MissingExtraError:
-        raise
+    except ImportError as error:
+        needed = (error.name or "a reader").partition(".")[0]
+        raise MissingExtraError(
+            f"{_line(str(place))}: reading it needs {needed}; "
+            "install it with: pip install 'boxgrasp[io]'"
+        ) from None
     except BoxgraspError as error:
         what = str(error)
     except MemoryError:
