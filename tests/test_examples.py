@@ -21,7 +21,9 @@ def test_examples_are_numbered_without_gaps() -> None:
 def test_example_runs(path: Path, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout and done.stderr == ""
+    assert done.stdout
+    notice = "compiling kernels"  # the first process after installing says so
+    assert all(line.startswith(notice) for line in done.stderr.splitlines()), done.stderr
 
 
 def test_readme_code_runs(tmp_path: Path) -> None:

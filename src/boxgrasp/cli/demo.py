@@ -21,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture", metavar="OUT.png", default=PICTURE, help=f"where to draw (default: {PICTURE})"
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the noise on the cast")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of the noise on the cast"
+    )
     _arguments.add_target(parser)
     _arguments.add_config(parser)
 

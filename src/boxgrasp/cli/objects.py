@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     from boxgrasp.select import GraspSelector
 
     selector = GraspSelector(_arguments.resolve_config(args))
-    head = ("object", "centre x", "y", "z", "size x", "y", "z m", "distance m", "points")
+    head = ("object", "centre x", "y", "z", "size x", "y", "z", "distance", "points")
 
     def list_objects(number: int, path: str) -> None:
         capture = _arguments.load_capture(path, args)
@@ -34,7 +34,9 @@ def run(args: argparse.Namespace) -> int:
             )
             for item in objects
         ]
-        print(f"{path}: {len(objects)} objects\n{table(head, rows)}", flush=True)
+        print(
+            f"{path}: {len(objects)} objects; metres, base frame\n{table(head, rows)}", flush=True
+        )
         if args.picture:
             from boxgrasp.draw import draw_objects
 
