@@ -14,7 +14,7 @@ from boxgrasp.box import Box
 from boxgrasp.errors import GripperError
 from boxgrasp.frames import Floats, Points
 from boxgrasp.gripper import Gripper
-from boxgrasp.hidden import columns_under, unseen_cells
+from boxgrasp.hidden import columns_under, unseen_cells, unseen_shares
 from boxgrasp.occupancy import LocalMap
 from boxgrasp.options import FACES, Options
 from boxgrasp.scene import Scene
@@ -28,6 +28,7 @@ class CheckConfig:
 
     clearance_m: to seen obstacles (thesis: 2 cm is feasible), beside noise_m for sensor noise.
     body_m: to the hidden bodies under seen surfaces. unseen_m: to space that no ray crossed.
+    unseen_share: how much of the gripper's space, grown by clearance_m, may be unseen.
     approach_back_m: how far back the way in is checked; approach_m: room along it to seen
     obstacles and hidden bodies. support_m: off the support plane. width_m: how much narrower
     than the opening the target must be.
@@ -37,6 +38,7 @@ class CheckConfig:
     noise_m: Short = 0.003
     body_m: Short = 0.02
     unseen_m: Short = 0.0
+    unseen_share: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.25
     approach_back_m: Short = 0.15
     approach_m: Short = 0.005
     support_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.003
@@ -54,6 +56,7 @@ class Numbers:
     seen_m: Floats
     body_m: Floats
     unseen_m: Floats
+    unseen_share: Floats
     support_m: Floats
     approach_m: Floats
     fits: NDArray[np.bool_]
@@ -117,6 +120,7 @@ def measure(
         seen_m=seen,
         body_m=body,
         unseen_m=np.minimum(body, clearance.to_cells(boxes, unseen, sizes, box.yaw_rad)),
+        unseen_share=unseen_shares(boxes, unseen, local_map.resolution_m, config.clearance_m),
         support_m=clearance.to_plane(boxes, scene.plane.normal, scene.plane.offset_m),
         approach_m=approach,
         fits=options.width_m <= gripper.opening_m - config.width_m,
@@ -148,6 +152,7 @@ def judge(
     short = sum((np.maximum(limit - value, 0.0) for value, limit in limits), np.zeros(len(options.label)))
     short = short + np.maximum(options.width_m - gripper.opening_m + config.width_m, 0.0)
     short = short + np.where(numbers.known, 0.0, 0.2)
+    short = short + 0.1 * np.maximum(numbers.unseen_share - config.unseen_share, 0.0)
     for k in range(len(options.label)):
         found = []
         if FACES[options.face[k] - 1] not in faces:
@@ -175,6 +180,11 @@ def judge(
         if numbers.unseen_m[k] < config.unseen_m:
             found.append(
                 f"unseen space {_cm(numbers.unseen_m[k])}, needs {_cm(config.unseen_m)}"
+            )
+        if numbers.unseen_share[k] > config.unseen_share:
+            found.append(
+                f"unseen space fills {numbers.unseen_share[k]:.0%} of the gripper's room, "
+                f"at most {config.unseen_share:.0%}"
             )
         reasons.append("; ".join(found) or None)
     return Verdict(tuple(reasons), short)

@@ -65,6 +65,22 @@ def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
     return np.ascontiguousarray(base[np.any(own > reach, axis=1)])
 
 
+def unseen_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) -> Floats:
+    """(M,) share of each upright box, grown on every side, that the unseen cells fill, 0 to 1.
+
+    boxes: (M, 8) of `clearance.uprights`; centres: (K, 3) base frame of cubes of edge_m.
+    """
+    shares = np.empty(len(boxes))
+    for k, (x, y, c, s, along, across, low, high) in enumerate(boxes):
+        dx, dy, z = centres[:, 0] - x, centres[:, 1] - y, centres[:, 2]
+        a, b = along + grow_m, across + grow_m
+        inside = (np.abs(dx * c + dy * s) < a) & (np.abs(dy * c - dx * s) < b)
+        inside &= (z > low - grow_m) & (z < high + grow_m)
+        volume = 4 * a * b * (high - low + 2 * grow_m)
+        shares[k] = min(1.0, np.count_nonzero(inside) * edge_m**3 / volume)
+    return shares
+
+
 def unexplained_cells(
     centres: Floats, sizes_m: Floats, scene: Scene, box: Box
 ) -> tuple[Floats, Floats]:

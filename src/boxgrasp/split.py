@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.frames import Points
-from boxgrasp.kernels.plan import borders, grow, inward, patches, plan_grid
+from boxgrasp.kernels.plan import borders, grow, inward, nearest, patches, plan_grid
 
 _CELL_M = 0.004
 _STEP_M = 0.012
@@ -63,7 +63,7 @@ def _pieces(points: Points, tints: Points) -> Labels:
     """(N,) piece of each point of one cluster, from 0."""
     top, tint, cells = plan_grid(points, tints, _CELL_M)
     least = max(2, round(_LEAST_M2 / _CELL_M**2))
-    label = patches(top, tint, _STEP_M, np.inf)
+    first = label = patches(top, tint, _STEP_M, np.inf)
     if label.max() > 0:
         label = _joined(label, least, *_tops(label, top))
     if np.isfinite(tint).any():
@@ -72,7 +72,18 @@ def _pieces(points: Points, tints: Points) -> Labels:
             always = np.ones(int(coloured.max()) + 1, dtype=bool)
             label = _joined(coloured, least, always, always.astype(np.float64))
     label = _cut_necks(label, least)
-    return label[cells[:, 0], cells[:, 1]]
+    pieces = label[cells[:, 0], cells[:, 1]]
+    if label.max() > 0:
+        scraps = np.bincount(first[first >= 0])[first[cells[:, 0], cells[:, 1]]] < least
+        if scraps.any() and not scraps.all():
+            _give_to_nearest(points, pieces, scraps)
+    return pieces
+
+
+def _give_to_nearest(points: Points, pieces: Labels, loose: NDArray[np.bool_]) -> None:
+    """Loose points, a wall's noise mostly, join the piece of the nearest point that is not."""
+    held = np.flatnonzero(~loose)
+    pieces[loose] = pieces[held[nearest(points[loose], points[held])]]
 
 
 def _even(label: Labels, tint: Points, least: int) -> bool:

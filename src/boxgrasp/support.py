@@ -18,6 +18,7 @@ _COARSE_M = 0.015
 _FINE_M = 0.008
 _CARRIED_M = (0.015, 0.30)
 _CELL_M = 0.05
+_LEAST_PATCH_M2 = 0.05
 _TILT_GIVEN = np.cos(np.deg2rad(12.0))
 _TILT_CAMERA = np.sin(np.deg2rad(10.0))
 _TILT_UPRIGHT = np.sin(np.deg2rad(15.0))
@@ -166,15 +167,20 @@ def axial_noise_m(ranges_m: Points) -> Points:
     return np.asarray(0.0012 + 0.0019 * (ranges_m - 0.4) ** 2, dtype=np.float32)
 
 
-def _carried(
-    sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: Floats
-) -> int:
-    """How many points within reach stand over the plane's own seen patch, up to 30 cm high."""
+def _carried(sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: Floats) -> int:
+    """How many points in reach stand over the plane's own seen patch, up to 30 cm high.
+
+    Below 0 for a patch too small to be a table.
+    """
     T_source_table = support_frame(Plane(plane[:3], float(plane[3])), optical=True)
     local = transform(invert(T_source_table), sample)
+    on = local[np.abs(local[:, 2]) < _FINE_M]
+    cells = np.unique(np.floor(on[:, :2] / _CELL_M).astype(np.int64), axis=0)
+    if len(cells) * _CELL_M**2 < _LEAST_PATCH_M2:
+        return -1
     lowest = _CARRIED_M[0] + 4 * noise_m
     over = local[within & (local[:, 2] > lowest) & (local[:, 2] < _CARRIED_M[1])]
-    return int(np.count_nonzero(_over_patch(local[np.abs(local[:, 2]) < _FINE_M], over)))
+    return int(np.count_nonzero(_over_patch(on, over)))
 
 
 def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray[np.bool_]:

@@ -17,7 +17,8 @@ _NEARER_M = 0.02
 _EDGE_BAND_M = 0.012
 _HIDDEN_SHARE = 0.5
 _LEAST_PX = 4
-_FACE_M = 0.015
+_CROWD_M = 0.005
+_CROWD_SHARE = 0.55
 _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, down
 
 
@@ -120,7 +121,8 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
             with np.errstate(invalid="ignore"):
                 at_edge = local[..., axis] * side > box.dimensions_m[axis] / 2 - _EDGE_BAND_M
             end = ends[step] & at_edge
-            if _is_face(local[own & at_edge], 1 - axis):
+            inside = box.dimensions_m[axis] / 2 - local[own & at_edge][:, axis] * side
+            if _is_face(inside):
                 continue
             count = int(np.count_nonzero(end))
             hidden = int(np.count_nonzero(end & beyond[step]))
@@ -129,12 +131,14 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
     return cut, found
 
 
-def _is_face(points: Points, other: int) -> bool:
-    """Whether points at the end of an axis spread over an upright patch: a face, no mere rim."""
-    if len(points) < _LEAST_PX:
-        return False
-    spread = np.quantile(points, 0.95, axis=0) - np.quantile(points, 0.05, axis=0)
-    return bool(spread[other] > _FACE_M and spread[2] > _FACE_M)
+def _is_face(depths_m: Points) -> bool:
+    """Whether points in the band at an edge crowd at its end: a face seen, not a rim cut off.
+
+    depths_m: (N,) how far inside the edge each point lies. A surface that runs on under what
+    hides it fills the band evenly.
+    """
+    crowd = np.count_nonzero(depths_m < _CROWD_M)
+    return len(depths_m) >= _LEAST_PX and bool(crowd > _CROWD_SHARE * len(depths_m))
 
 
 def _image_step(turn: Floats, view: Floats, axis: int, side: int) -> int:

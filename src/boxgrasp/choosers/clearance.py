@@ -9,6 +9,10 @@ from boxgrasp.clearance import GREEN_FROM_M
 from boxgrasp.options import FRONT, TOP_PARALLEL
 
 
+# What unseen space in the gripper's room costs: 3 cm of room if all of it is unseen.
+_UNSEEN_COST_M = 0.03
+
+
 class ByClearance:
     """Most clearance first; front and top-parallel before the rest, line 2 before the outer."""
 
@@ -16,7 +20,8 @@ class ByClearance:
         """Order by room, then habit, then label."""
         options, numbers = situation.options, situation.numbers
         room = np.minimum(np.minimum(numbers.seen_m, numbers.body_m), GREEN_FROM_M)
+        room = np.round(room - _UNSEEN_COST_M * numbers.unseen_share, 4)
         unhabitual = ~np.isin(options.face, (FRONT, TOP_PARALLEL))
         off_centre = np.abs(options.line - (options.lines + 1) / 2)
         order = np.lexsort((options.label, off_centre, unhabitual, -room))
-        return Preference(order, room / GREEN_FROM_M)
+        return Preference(order, np.clip(room / GREEN_FROM_M, 0.0, 1.0))

@@ -164,3 +164,20 @@ def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int6
                     label[x, y] = best
                     changed = True
     return label
+
+
+@jit
+def nearest(points: Points, others: Points) -> NDArray[np.int64]:
+    """(N,) row of the other point nearest to each point; the first of equals."""
+    found = np.zeros(points.shape[0], dtype=np.int64)
+    for i in range(points.shape[0]):
+        least = np.inf
+        for j in range(others.shape[0]):
+            x = points[i, 0] - others[j, 0]
+            y = points[i, 1] - others[j, 1]
+            z = points[i, 2] - others[j, 2]
+            d = x * x + y * y + z * z
+            if d < least:
+                least = d
+                found[i] = j
+    return found

@@ -1,0 +1,196 @@
+"""One answer as a picture: in the camera's image, from above, from the side, and in words."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from boxgrasp.capture import Capture
+from boxgrasp.clearance import category
+from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
+from boxgrasp.draw.canvas import Canvas
+from boxgrasp.draw.marks import (
+    draw_box,
+    draw_evidence,
+    draw_gripper,
+    draw_options,
+    style_of,
+)
+from boxgrasp.draw.page import Page, save, suffix_checked
+from boxgrasp.draw.palette import BLACK, BLOCKED, FAINT, GRIPPER, INK, RGB, WHITE
+from boxgrasp.draw.shapes import corners, face_point
+from boxgrasp.draw.views import View, plan_view
+from boxgrasp.draw.words import facts_of, headline_of
+from boxgrasp.frames import Floats
+from boxgrasp.gripper import Gripper
+from boxgrasp.selection import OptionReport, Selection
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+_CAMERA = (908, 681)
+_ABOVE = (652, 560)
+_SIDE = (652, 400)
+_SLAB_M = 0.30
+
+
+def draw_selection(
+    capture: Capture,
+    selection: Selection,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    gripper: Gripper | None = None,
+) -> Image:
+    """The answer drawn into the camera's image, from above (base x up) and from the side.
+
+    Colours are safe for the colour-blind and never the only mark. gripper: the hand that was
+    selected for, the default hand where none is said. Saved where a path is given, too.
+
+    Raises:
+        BoxgraspError: the path cannot be written, or its suffix is no image's.
+    """
+    target = suffix_checked(path)
+    image = _Answer(capture, selection, gripper if gripper is not None else Gripper()).drawn()
+    save(image, target)
+    return image
+
+
+class _Answer:
+    """The steps of one picture, over what they share."""
+
+    def __init__(self, capture: Capture, selection: Selection, gripper: Gripper) -> None:
+        self.selection, self.gripper, self.capture = selection, gripper, capture
+        self.box = selection.box
+        self.T_base_camera = selection.T_base_camera
+        self.floor_m = float(self.box.T_base_box[2, 3] - self.box.dimensions_m[2] / 2)
+        self.cloud = base_cloud(capture, self.T_base_camera)
+        self.best = _best(selection)
+        self.grasp = selection.status == "grasp"
+
+    def drawn(self) -> Image:
+        focus = self._focus()
+        view, image, caption = camera_panel(
+            self.capture, self.cloud, self.T_base_camera, focus, _CAMERA, self.floor_m
+        )
+        page = Page(headline_of(self.selection), self._mark_of_status())
+        page.left(self._panel(Canvas(image), view, caption, "camera"))
+        for kind, size, name in (
+            ("above", _ABOVE, "From above"),
+            ("side", _SIDE, "From the side (robot on the left)"),
+        ):
+            view = plan_view(kind, focus, size, 0.52 if kind == "above" else 0.34)
+            cloud = self.cloud if kind == "above" else self._slab()
+            canvas = Canvas(painted(cloud, view, size, self.floor_m))
+            _grid(canvas, view, kind, self.floor_m)
+            page.right(self._panel(canvas, view, name, kind))
+        facts = facts_of(self.selection, self.gripper)
+        return page.finished(facts, self.selection, self.gripper)
+
+    def _focus(self) -> Floats:
+        """(M, 3) base points that every panel shows: the box, the hand, the way it comes."""
+        parts = [corners(self.box.T_base_box, self.box.dimensions_m)]
+        if self.best is not None:
+            sizes = 2 * self.gripper.half_m
+            parts.append(corners(self.best.T_base_gripper, sizes))
+            if self.selection.T_base_pregrasp is not None:
+                parts.append(corners(self.selection.T_base_pregrasp, sizes)[:4])
+        return np.vstack(parts)
+
+    def _slab(self) -> Cloud:
+        """The points that the view from the side shows: none far before or behind the target."""
+        away = np.abs(self.cloud.points[:, 1] - np.float32(self.box.T_base_box[1, 3]))
+        return self.cloud.part(away < _SLAB_M + float(self.box.dimensions_m[1]) / 2)
+
+    def _panel(self, canvas: Canvas, view: View, caption: str, kind: str) -> Image:
+        canvas.taken.append((0, 0, 330, 34))
+        draw_box(canvas, view, self.box)
+        best = self.best
+        if best is not None:
+            colour: RGB = GRIPPER if self.grasp else BLOCKED
+            T_pre = self.selection.T_base_pregrasp
+            draw_gripper(canvas, view, best.T_base_gripper, T_pre, self.gripper, colour, not self.grasp)
+        draw_options(canvas, view, self.selection, best.label if best is not None else None)
+        if best is not None:
+            draw_evidence(
+                canvas, view, self.cloud, self.selection, best, self.gripper, self.floor_m
+            )
+        if kind == "camera":
+            self._name_things(canvas, view)
+        canvas.text((8, 6), caption, 19, WHITE, halo=BLACK)
+        return canvas.finish()
+
+    def _name_things(self, canvas: Canvas, view: View) -> None:
+        top = self.box.T_base_box[:3, 3] + (0.0, 0.0, self.box.dimensions_m[2] / 2)
+        at = view.point(top)
+        if at is not None:
+            size = " x ".join(f"{100 * value:.0f}" for value in self.box.dimensions_m)
+            canvas.label(at, f"target {size} cm", 17, WHITE, halo=BLACK, away=60, must=True)
+        if self.best is not None:
+            at = view.point(self.best.T_base_gripper[:3, 3])
+            word = "gripper" if self.grasp else "best try, rejected"
+            if at is not None:
+                canvas.label(at, word, 17, WHITE, halo=GRIPPER if self.grasp else BLOCKED, away=44, must=True)
+
+    def _mark_of_status(self) -> tuple[str, str] | None:
+        if self.best is None:
+            return None
+        return category(self.best.seen_m), style_of(self.best)
+
+
+def _best(selection: Selection) -> OptionReport | None:
+    """The chosen option, or the one that came nearest."""
+    label = selection.label if selection.status == "grasp" else selection.best_rejected
+    if label is None or not 1 <= label <= len(selection.options):
+        return None
+    return selection.option(label)
+
+
+def _grid(canvas: Canvas, view: View, kind: str, floor_m: float) -> None:
+    """Lines every 10 cm of the base frame with their metres, the support, the axes, a scale."""
+    lines = ("x", "y") if kind == "above" else ("x", "z")
+    scale = view.fx
+    skip = 1 if scale * 0.1 > 44 else 2
+    for name in lines:
+        across = name == ("y" if kind == "above" else "x")  # drawn as upright lines
+        sign = -1.0 if name in "y" or (name in "xz" and not across) else 1.0
+        length = canvas.width if across else canvas.height
+        centre = view.cx if across else view.cy
+        ends = sorted(((0 - centre) / (scale * sign), (length - centre) / (scale * sign)))
+        for step in range(int(np.ceil(ends[0] * 10)), int(np.floor(ends[1] * 10)) + 1):
+            at = centre + sign * scale * step / 10
+            a, b = ((at, 0.0), (at, canvas.height)) if across else ((0.0, at), (canvas.width, at))
+            canvas.line(a, b, FAINT, 1.0, alpha=70)
+            if step % skip == 0 and 40 < at < length - 40:
+                place = (at - 10, canvas.height - 20.0) if across else (5.0, at - 9)
+                canvas.text(place, f"{step / 10:.1f}", 14, FAINT, halo=WHITE)
+    if kind == "side":
+        level = view.cy - scale * floor_m
+        canvas.line((0, level), (canvas.width, level), INK, 2.5)
+        canvas.text((canvas.width - 66, level + 3), "support", 14, INK, halo=WHITE)
+    _axes(canvas, kind)
+    right, lower = canvas.width - 24.0, 30.0
+    canvas.line((right - scale / 10, lower), (right, lower), INK, 3.0, halo=WHITE)
+    for end in (right - scale / 10, right):
+        canvas.line((end, lower - 6), (end, lower + 6), INK, 2.0, halo=WHITE)
+    canvas.text((right - scale / 20 - 20, lower - 24), "10 cm", 14, INK, halo=WHITE)
+
+
+def _axes(canvas: Canvas, kind: str) -> None:
+    if kind == "above":
+        x, y = canvas.width - 40.0, canvas.height - 50.0
+        canvas.arrow((x, y), (x, y - 60), INK, 2.5, halo=WHITE, head=11)
+        canvas.arrow((x, y), (x - 60, y), INK, 2.5, halo=WHITE, head=11)
+        canvas.text((x - 96, y - 84), "x, away from robot", 14, INK, halo=WHITE)
+        canvas.text((x - 78, y - 8), "y", 14, INK, halo=WHITE)
+    else:
+        x, y = canvas.width - 110.0, 100.0
+        canvas.arrow((x, y), (x, y - 46), INK, 2.5, halo=WHITE, head=11)
+        canvas.arrow((x, y), (x + 60, y), INK, 2.5, halo=WHITE, head=11)
+        canvas.text((x - 12, y - 50), "z", 14, INK, halo=WHITE)
+        canvas.text((x + 64, y - 9), "x", 14, INK, halo=WHITE)
+
+
+__all__ = ["draw_selection"]
+_ = face_point
