@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import octomap
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError, MapError
@@ -142,6 +142,38 @@ def test_every_kind_of_ray_equals_octomap(kind: str) -> None:
         assert_equals_octomap([scan(kind, r, s) for _ in range(count)], lowest, shape, config)
 
     check()
+
+
+@settings(parent=QUIET, max_examples=300)
+@given(seed=st.integers(0, 2**32 - 1), s=RESOLUTIONS, few=st.integers(1, 4))
+@example(seed=363, s=0.08923727174964195, few=4)  # steps out of its last cell before its length
+@example(seed=269, s=0.01, few=2)  # strays over a border that a bundle's true lines do not reach
+def test_rays_that_end_on_corners_of_tiny_grids_equal_octomap(
+    seed: int, s: float, few: int
+) -> None:
+    r = np.random.default_rng(seed)
+    q = s / r.choice([1, 1, 2])
+    points = (r.integers(-2, 3, (few, 3)) * q).astype(np.float32)
+    origin = (r.integers(-60, 61, 3) * q).astype(np.float32)
+    shape = (int(r.integers(1, 4)), int(r.integers(1, 4)), int(r.integers(1, 4)))
+    config = OccupancyConfig(resolution_m=s)
+    assert_equals_octomap([(points, origin)], r.integers(-3, 2, 3), shape, config)
+
+
+@settings(parent=QUIET, max_examples=60)
+@given(seed=st.integers(0, 2**32 - 1), s=st.sampled_from([1 / 16, 1 / 32, 1 / 64]))
+def test_ties_that_only_accumulated_rounding_decides_equal_octomap(seed: int, s: float) -> None:
+    """Slopes of 1, 2, 4 and 8 on exact numbers: one axis sums t twice where another sums 2 t."""
+    r = np.random.default_rng(seed)
+    slopes = r.choice([0, 1, 2, 4, 8], (200, 3)) * r.choice([-1, 1], 3)
+    origin = -np.sign(slopes.sum(axis=0)) * r.integers(20, 200, 3) * s / 2
+    length = r.integers(1, 100, (200, 1))
+    points = (origin + slopes * length * s / 2).astype(np.float32)
+    towards = np.argmin(np.abs(points).max(axis=1))
+    lowest = np.floor(points[towards] / s).astype(int) - 4
+    assert_equals_octomap(
+        [(points, origin.astype(np.float32))], lowest, (8, 8, 8), OccupancyConfig(resolution_m=s)
+    )
 
 
 @settings(parent=QUIET, max_examples=25)
