@@ -97,6 +97,7 @@ def test_no_command_shows_the_commands(capsys: pytest.CaptureFixture[str]) -> No
         ("select a --point 1 2 z", "invalid float value: 'z'"),
         ("select a --scan", "argument --scan: expected at least one argument"),
         ("select a --faces front,rear", "unknown face: rear; valid: left, front, right"),
+        ("select a --faces ,", "unknown face: none; valid: left, front, right"),
         ("select a --chooser oracle", "oracle; valid: clearance"),
         ("select a --config nowhere.yaml", "nowhere.yaml: No such file"),
         ("select a --gripper nowhere.yaml", "nowhere.yaml: No such file"),
@@ -324,8 +325,12 @@ def test_config_is_what_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 def test_verbose_before_and_after(table: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command_parser("select").parse_args(["-vv", "a"]).verbose == 2
-    assert main(["-v", "config"]) == 0
-    assert main(["config", "-v"]) == 0
+    for line in (["-v", "select", table], ["select", table, "-v"]):
+        assert main(line) == 0
+        errors = capsys.readouterr().err
+        assert "boxgrasp.cli: " in errors and "read in" in errors and "total" in errors
+    assert main(["select", table]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_broken_pipe_is_quiet(table: str) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import logging
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
     from boxgrasp.config import Config
     from boxgrasp.occupancy import MapCells
     from boxgrasp.target import Target
+
+_log = logging.getLogger("boxgrasp.cli")
 
 
 def add_captures(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
@@ -91,9 +95,10 @@ def resolve_config(args: argparse.Namespace) -> Config:
     config: dict[str, Any] = plain_config(load_config(args.config))
     if args.gripper:
         config["gripper"] = plain_config(load_gripper(args.gripper))
-    if args.faces:
-        config["options"]["faces"] = [face.strip() for face in args.faces.split(",")]
-    if args.chooser:
+    if args.faces is not None:
+        faces = (face.strip() for face in args.faces.split(","))
+        config["options"]["faces"] = [face for face in faces if face]
+    if args.chooser is not None:
         config["chooser"] = args.chooser
     if args.unchecked:
         config["unchecked"] = True
@@ -112,7 +117,9 @@ def load_capture(path: str, args: argparse.Namespace) -> Capture:
     """The capture at a path, read as the options say."""
     from boxgrasp.capture import Capture
 
+    start = time.perf_counter()
     capture = Capture.load(path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp)
+    _log.info("%s: read in %.1f ms", path, 1e3 * (time.perf_counter() - start))
     return _without_robot(capture, read_mask(args.robot_mask)) if args.robot_mask else capture
 
 

@@ -21,13 +21,18 @@ def summary(selection: Selection) -> str:
 
 def _headline(selection: Selection) -> str:
     if selection.face is None or selection.line is None or selection.clearance_m is None:
-        best = selection.best_rejected
-        nearest = f"; nearest to passing: {spell(selection.option(best))}" if best else ""
-        blocking = f", {selection.blocking}" if selection.blocking else ""
-        return f"ask: {selection.reason}{nearest}{blocking}"
+        best, blocking = selection.best_rejected, selection.blocking
+        nearest = f" ({spell(selection.option(best))})" if best else ""
+        more = f"; {blocking}" if blocking and blocking not in selection.reason else ""
+        return f"ask: {selection.reason}{more}{nearest}"
     where = f"{FACES[selection.face - 1]} line {selection.line}"
     clear, opening = 100 * selection.clearance_m, 100 * (selection.opening_m or 0.0)
     return f"grasp: {where}, {clear:.1f} cm clear, opening {opening:.1f} cm"
+
+
+def timings(selection: Selection) -> str:
+    """How long each stage took."""
+    return ", ".join(f"{stage} {ms:.1f} ms" for stage, ms in selection.timings_ms.items())
 
 
 def spell(option: OptionReport) -> str:

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import logging
 
 from boxgrasp.cli import _arguments, _batch
+
+_log = logging.getLogger("boxgrasp.cli")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Answer each capture."""
-    from boxgrasp.cli._report import summary
+    from boxgrasp.cli._report import summary, timings
     from boxgrasp.select import GraspSelector
 
     selector = GraspSelector(_arguments.resolve_config(args))
@@ -34,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
         capture = _arguments.load_capture(path, args)
         selection = selector.select(capture, target, scans=scans, octomap=octomap)
         selection = dataclasses.replace(selection, capture=path)
+        _log.info("%s: %s", path, timings(selection))
         print(selection.to_json() if args.json else summary(selection), flush=True)
         if args.picture:
             from boxgrasp.draw import draw_selection
