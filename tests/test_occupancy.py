@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError, MapError
 from boxgrasp.frames import make_transform, rotation_z
+from boxgrasp.kernels import rays
 from boxgrasp.kernels.rays import ray_cells_naive
 from boxgrasp.occupancy import (
     FREE,
@@ -394,6 +395,17 @@ def test_maps_are_frozen_and_pickle() -> None:
         local.resolution_m = 1.0  # type: ignore[misc]
     again: LocalMap = pickle.loads(pickle.dumps(local))
     assert (again.state == local.state).all()
+
+
+def test_kernels_are_compiled_once_whatever_arrays_are_given() -> None:
+    points, T = np.full((5, 3), 0.1, np.float32), np.eye(4)
+    for writable in (True, False):
+        points.setflags(write=writable)
+        T.setflags(write=writable)
+        for cloud in (points, points.astype(np.float64), np.asfortranarray(points)):
+            build_local_map([(cloud, np.array([-1.0, 0, 1])), (cloud, None)], T)
+    for kernel in (rays.classify, rays.bundles, rays.walk_rest):
+        assert len(kernel.signatures) == 1  # type: ignore[attr-defined]
 
 
 def test_moving_the_scene_moves_the_map() -> None:

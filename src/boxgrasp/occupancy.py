@@ -325,6 +325,10 @@ def mark(
     count = len(points)
     if count == 0:
         return free, occupied
+    # Kernels are compiled for read-only or for writable arrays: always hand them the same.
+    points, T_lattice_points, lowest = points.view(), T_lattice_points.view(), lowest.view()
+    for array in (points, T_lattice_points, lowest):
+        readonly(array)
     factor = 1.0 / resolution_m
     has_origin = origin is not None and bool(np.all(np.abs(origin * factor) < rays.TREE_HALF))
     start = np.zeros(3, dtype=np.float32) if origin is None else origin
@@ -361,12 +365,12 @@ def mark(
                 occupied, free, first, last,
             )  # fmt: skip
 
-        _run(bundles, len(chosen), 500, threads)
+        _run(bundles, len(chosen), 1_000, threads)
 
     def rest(first: int, last: int) -> None:
         rays.walk_rest(bundle, side, opening, moved, start, resolution_m, lowest, free, first, last)
 
-    _run(rest, count, 5_000, threads)
+    _run(rest, count, 20_000, threads)
     return free, occupied
 
 

@@ -384,7 +384,7 @@ def walk_rest(
         b = bundle[i]
         if b < 0 or first[b] < 0:
             continue
-        slab = first[b]
+        slab: Any = np.int64(first[b])  # as the other caller has it: one compiled walk
         face = b // (side * side)
         a = face // 2
         oa = float(origin[a])
