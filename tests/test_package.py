@@ -12,9 +12,11 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from boxgrasp import __version__
+from boxgrasp.simulate import demo_capture
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
@@ -42,10 +44,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    import numpy as np
-
-    from boxgrasp.simulate import demo_capture
-
     view = demo_capture()
     path = tmp_path_factory.mktemp("capture") / "table.npz"
     np.savez(
@@ -98,9 +96,23 @@ def test_works_in_an_empty_environment(wheel: Path, capture: Path, tmp_path: Pat
     assert first.stderr.count("compiling kernels") == 1, "the first run says that it compiles"
     second = boxgrasp("select", "--json", capture)
     assert second.returncode == 0 and second.stderr == "", "the second finds the kernels cached"
+    write_pcd(tmp_path / "cloud.pcd")
+    cloud = boxgrasp("objects", "cloud.pcd")
+    assert cloud.returncode == 0 and "objects; metres" in cloud.stdout, cloud.stderr
     demo = boxgrasp("demo", "--picture", "demo.png")
     assert demo.returncode == 0, demo.stderr
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
+
+
+def write_pcd(path: Path) -> None:
+    """The demo's view as a cloud in the PCD format, as text."""
+    points, _ = demo_capture().valid_points()
+    points = points[::4]
+    head = ["VERSION 0.7", "FIELDS x y z", "SIZE 4 4 4", "TYPE F F F", "COUNT 1 1 1"]
+    head += [f"WIDTH {len(points)}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0"]
+    head += [f"POINTS {len(points)}", "DATA ascii"]
+    rows = (f"{x:.4f} {y:.4f} {z:.4f}" for x, y, z in points.tolist())
+    path.write_text("\n".join([*head, *rows, ""]))
 
 
 def drop_override() -> None:
@@ -167,7 +179,8 @@ def test_wheels_exist_for_every_python_and_processor() -> None:
     lines = done.stdout.splitlines()
     assert len(lines) == 6
     for line in lines:
-        for name in ("numpy", "numba", "llvmlite", "pillow", "pyyaml", "msgspec"):
+        core = ("numpy", "numba", "llvmlite", "pillow", "pyyaml", "msgspec", "pypcd4")
+        for name in (*core, "rosbags", "octomap_python"):
             assert f"{name}-" in line.lower(), line
 
 

@@ -1,7 +1,7 @@
-"""Show that every core dependency has a wheel for each Python and processor that robots have.
+"""Show that every dependency has a wheel for each Python and processor that robots have.
 
-`python tools/check_wheels.py` resolves the dependencies of pyproject.toml, and theirs, for every
-combination below with pip's own resolver, wheels only; nothing is installed. Exit status: 0 all
+`python tools/check_wheels.py` resolves the core's dependencies and those of the extra `io`, as
+pyproject.toml has them, and theirs, for every combination below with pip's own resolver, wheels only; nothing is installed. Exit status: 0 all
 there, 1 one is missing, 3 the registry does not answer.
 """
 
@@ -65,7 +65,7 @@ def is_offline() -> bool:
 
 def main() -> int:
     """Print a line for every combination."""
-    wanted = requirements()
+    wanted = [*requirements(), *requirements("io")]
     places = [(python, processor) for python in PYTHONS for processor in PROCESSORS]
 
     def look(place: tuple[str, str]) -> dict[str, str] | str:
