@@ -1,8 +1,9 @@
 """Show that every dependency has a wheel for each Python and processor that robots have.
 
 `python tools/check_wheels.py` resolves the core's dependencies and those of the extra `io`, as
-pyproject.toml has them, and theirs, for every combination below with pip's own resolver, wheels only; nothing is installed. Exit status: 0 all
-there, 1 one is missing, 3 the registry does not answer.
+pyproject.toml has them, and theirs, for every combination below with pip's own resolver, wheels
+only; nothing is installed. Exit status: 0 all there, 1 one is missing, 3 the registry does not
+answer.
 """
 
 from __future__ import annotations
