@@ -122,7 +122,16 @@ def test_select_json_holds_the_schema(table: str, capsys: pytest.CaptureFixture[
     assert main(["select", "--json", table]) == 0
     shown = capsys.readouterr()
     (answer,) = answers(shown.out)
-    jsonschema.validate(answer, json.loads(JSON_SCHEMA_PATH.read_text("utf-8")))
+    schema = json.loads(JSON_SCHEMA_PATH.read_text("utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(answer, schema)
+    for wrong in ({"face": None}, {"status": "ask"}, {"extra": 1}, {"clearance_m": 0.6}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(answer | wrong, schema)
+    assert main(["select", "--json", table, "--faces", "left"]) == 0
+    (asked,) = answers(capsys.readouterr().out)
+    assert asked["status"] == "ask"
+    jsonschema.validate(asked, schema)
     assert answer["capture"] == table and answer["config_hash"] == config_hash(load_config())
     assert Selection.from_json(shown.out).to_json() == shown.out.strip()
 
