@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from boxgrasp import clearance
 from boxgrasp.box import Box
 from boxgrasp.errors import GripperError
-from boxgrasp.frames import Floats, Points
+from boxgrasp.frames import Floats
 from boxgrasp.gripper import Gripper
-from boxgrasp.hidden import columns_under, unseen_cells, unseen_shares
-from boxgrasp.occupancy import LocalMap
+from boxgrasp.hidden import columns_under, deepened, unseen_cells, unseen_shares
+from boxgrasp.occupancy import FREE, LocalMap
 from boxgrasp.options import FACES, Options
 from boxgrasp.scene import Scene
 
@@ -83,7 +83,7 @@ def measure(
     gripper: Gripper,
     box: Box,
     scene: Scene,
-    obstacles: Points,
+    own: NDArray[np.bool_],
     extra_cells: tuple[Floats, Floats],
     local_map: LocalMap,
     width_known: tuple[bool, bool],
@@ -91,7 +91,7 @@ def measure(
 ) -> Numbers:
     """All distances of all options.
 
-    obstacles: (N, 3) seen points but the target's and the plane's, base frame. extra_cells:
+    own: (K,) which of the scene's points are the target's; the others are obstacles. extra_cells:
     centres (K, 3) and edges (K,) of occupied cells that no point explains. width_known: whether
     the box's x and y dimensions are more than lower bounds.
 
@@ -104,9 +104,11 @@ def measure(
             f"{config.width_m}; valid: a wider opening"
         )
     T = options.T_base_gripper
+    obstacles = np.ascontiguousarray(scene.points[~own])
     boxes = clearance.uprights(T, gripper.half_m)
     swept = clearance.uprights(T, gripper.half_m, config.approach_back_m)
-    columns = columns_under(obstacles, local_map, scene.plane)
+    bodies = np.vstack((obstacles, deepened(scene, ~own, local_map)))
+    columns = columns_under(bodies, local_map, scene.plane)
     seen, nearest = clearance.to_points(boxes, obstacles)
     body, _ = clearance.to_columns(boxes, columns)
     approach, on_way = clearance.to_columns(swept, columns)
@@ -115,6 +117,8 @@ def measure(
         approach = np.minimum(approach, clearance.to_cells(swept, *extra_cells, 0.0))
     body = np.minimum(body, seen)
     unseen = unseen_cells(local_map, box)
+    if not np.any(local_map.state == FREE):  # no view with a known camera: nothing is seen free
+        unseen = unseen[:0]
     sizes = np.full(len(unseen), local_map.resolution_m)
     return Numbers(
         seen_m=seen,
@@ -193,6 +197,8 @@ def judge(
 def _what(labels: NDArray[np.int64], row: int) -> str:
     if row < 0:
         return "occupied cell of the map"
+    if row >= len(labels):
+        return "hidden side of an obstacle"
     return f"object {labels[row]}" if labels[row] > 0 else "obstacle"
 
 

@@ -18,6 +18,8 @@ from boxgrasp.support import Plane
 
 _FAR_M = 1.0
 _SLACK_M = 0.005
+_DEEPER_M = 0.02
+_DEEPEST_M = 0.25
 
 
 @jit
@@ -41,6 +43,32 @@ def _fall(
     return layer
 
 
+def deepened(scene: Scene, others: NDArray[np.bool_], local_map: LocalMap) -> Points:
+    """(N, 3) points behind what the image border cuts: taken to be as deep as it is wide.
+
+    Its top is out of view, so its depth was not seen; other things show theirs from above. Only
+    places that were not seen free count. others: (K,) the scene's points that are obstacles.
+    """
+    eye = scene.eye_m
+    if eye is None:
+        return np.empty((0, 3), dtype=np.float32)
+    found = [np.empty((0, 3), dtype=np.float32)]
+    for cluster in scene.cut_clusters:
+        points = scene.points[others & (scene.clusters == cluster)]
+        if len(points) == 0:
+            continue
+        away = points[:, :2].mean(axis=0) - eye[:2].astype(np.float32)
+        away /= max(float(np.linalg.norm(away)), 1e-6)
+        across = points[:, :2] @ np.array([-away[1], away[0]], dtype=np.float32)
+        wide = min(float(np.ptp(across)), _DEEPEST_M)
+        for step in np.arange(1, int(wide / _DEEPER_M) + 1):
+            found.append(points + np.append(away * np.float32(step * _DEEPER_M), np.float32(0)))
+    deeper = np.vstack(found)
+    cells, inside = local_map.keys(transform(invert(local_map.T_base_map), deeper))
+    inside &= local_map.state[cells[:, 0], cells[:, 1], cells[:, 2]] != FREE
+    return np.ascontiguousarray(deeper[inside])
+
+
 def columns_under(points: Points, local_map: LocalMap, plane: Plane) -> NDArray[np.float32]:
     """(N, 4) float32 base frame x, y, z low, z high: the hidden body under each obstacle point.
 
@@ -57,8 +85,13 @@ def columns_under(points: Points, local_map: LocalMap, plane: Plane) -> NDArray[
 
 
 def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
-    """(K, 3) centres, base frame, of cells that no ray saw free or occupied, but the target's."""
-    centres = local_map.cells(UNSEEN)
+    """(K, 3) centres, base frame, of cells that may hold something unseen, but the target's own.
+
+    Those are unseen down to the lowest layer: over a cell seen free nothing can stand.
+    """
+    grounded = np.logical_and.accumulate(local_map.state != FREE, axis=2)
+    found = np.argwhere(grounded & (local_map.state == UNSEEN))
+    centres = local_map.lowest + (found + 0.5) * local_map.resolution_m
     base = transform(local_map.T_base_map, centres)
     own = np.abs(transform(invert(box.T_base_box), base))
     reach = box.dimensions_m / 2 + local_map.resolution_m / 2

@@ -24,6 +24,7 @@ Corner = tuple[float, float, float]
 
 _OBSTACLES_BEYOND_M = 0.6
 _SPECK = 8
+_BORDER_PX = 3
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,14 @@ class Scene:
     """What stands over the support plane, base frame, metres.
 
     points: (K, 3) float32 voxel centroids over the plane; labels: (K,) object number, 0 for what
-    is no object; plane: the support plane; T_base_camera: None where the camera is unknown;
+    is no object; clusters: (K,) which points belong together, objects or not; plane: the support plane; T_base_camera: None where the camera is unknown;
     T_base_table: z on the plane's normal, z = 0 on the plane; frame: `given` or `support`.
     clouds: one (points (N, 3) float32 base, eye (3,) or None) a view, for the map.
     """
 
     points: Points
     labels: NDArray[np.int64]
+    clusters: NDArray[np.int64]
     objects: tuple[SceneObject, ...]
     plane: Plane
     frame: str
@@ -102,6 +104,17 @@ class Scene:
         image[self.pixels] = -1
         image[self.pixels[self.above]] = self.voxel_of_above
         return readonly(image)
+
+    @cached_property
+    def cut_clusters(self) -> NDArray[np.int64]:
+        """Clusters that the image border cuts, in rising order."""
+        if self.shape is None:
+            return np.empty(0, dtype=np.int64)
+        height, width = self.shape
+        ok = self.voxel_of_above >= 0
+        v, u = np.divmod(self.pixels[self.above[ok]], width)
+        border = (np.minimum(u, v) < _BORDER_PX) | (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
+        return np.unique(self.clusters[self.voxel_of_above[ok][border]])
 
     @property
     def eye_m(self) -> Floats | None:
@@ -166,6 +179,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     return Scene(
         points=readonly(np.ascontiguousarray(points_base[alive])),
         labels=readonly(numbers[alive]),
+        clusters=readonly(labels[alive]),
         objects=tuple(objects),
         plane=source_plane.moved(T_base_source),
         frame="support" if optical and T_given is None else "given",

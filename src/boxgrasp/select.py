@@ -60,13 +60,12 @@ class GraspSelector:
         clock.lap("occupancy")
         # 4. Every option with its numbers (2-4, 3-4).
         options = options_of(box, config.gripper, config.options.lines)
-        obstacles = np.ascontiguousarray(scene.points[~own])
         numbers = check.measure(
             options,
             config.gripper,
             box,
             scene,
-            obstacles,
+            own,
             unexplained,
             local_map,
             seen.width_known,

@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.frames import Points
-from boxgrasp.kernels.plan import borders, grow, inward, nearest, patches, plan_grid
+from boxgrasp.kernels.plan import borders, grow, inward, nearest, patches, plan_grid, smooth_cells
 
 _CELL_M = 0.004
-_STEP_M = 0.012
-_TINT_STEP = 0.25
-_LEAST_M2 = 0.0009  # a smaller patch is a scrap of its neighbour
+_STEP_M = 0.008
+_TINT_STEP = 0.10
+_RAGGED = 3  # neighbours of a smooth cell that may be missing or a step away
+_LEAST_M2 = 0.0005  # smooth ground of a thing of its own
 _ENCLOSED = 0.42  # share of its outline on a neighbour from which a patch is part of it
-_EVEN_SHARE = 0.8  # of the plan in large even-coloured patches, for colour to count
-_EVEN_TINT = 0.02
+_EVEN_SHARE = 0.8  # of the smooth ground in large patches of one colour, for colour to count
+_EVEN_TINT = 0.012
+_OVERLAP = 0.3
 _NOTCHED = 0.86  # parts must fill their outlines this much better than the whole
 _CONVEX = 0.90
-_LEVEL_M = 0.008  # spread of heights (10 % to 90 %) up to which a top is level
+_LEVEL_M = 0.005  # from the middle height to the 90 % one, up to which a top is level
 
 Labels = NDArray[np.int64]
 
@@ -62,59 +64,70 @@ def _tints(points: Points, colours: Points | None) -> Points:
 def _pieces(points: Points, tints: Points) -> Labels:
     """(N,) piece of each point of one cluster, from 0."""
     top, tint, cells = plan_grid(points, tints, _CELL_M)
-    least = max(2, round(_LEAST_M2 / _CELL_M**2))
-    first = label = patches(top, tint, _STEP_M, np.inf)
-    if label.max() > 0:
-        label = _joined(label, least, *_tops(label, top))
+    least = round(_LEAST_M2 / _CELL_M**2)
+    inside = np.isfinite(top)
+    ground = _ground(top, tint, np.inf, least)
+    label = _joined(grow(ground, inside), *_tops(ground, top))
     if np.isfinite(tint).any():
-        coloured = patches(top, tint, _STEP_M, _TINT_STEP)
-        if _even(coloured, tint, least):
+        coloured = _ground(top, tint, _TINT_STEP, least)
+        if _even(coloured, ground, tint):
+            ground = coloured
             always = np.ones(int(coloured.max()) + 1, dtype=bool)
-            label = _joined(coloured, least, always, always.astype(np.float64))
-    label = _cut_necks(label, least)
-    pieces = label[cells[:, 0], cells[:, 1]]
+            label = _joined(grow(coloured, inside), always, always.astype(np.float64))
+    label = _cut_necks(_apart(label), least)
+    pieces = np.maximum(label[cells[:, 0], cells[:, 1]], 0)
     if label.max() > 0:
-        scraps = np.bincount(first[first >= 0])[first[cells[:, 0], cells[:, 1]]] < least
-        if scraps.any() and not scraps.all():
-            _give_to_nearest(points, pieces, scraps)
+        rough = ground[cells[:, 0], cells[:, 1]] < 0
+        if rough.any() and not rough.all():
+            _give_to_nearest(points, pieces, rough)
     return pieces
 
 
-def _give_to_nearest(points: Points, pieces: Labels, loose: NDArray[np.bool_]) -> None:
-    """Loose points, a wall's noise mostly, join the piece of the nearest point that is not."""
-    held = np.flatnonzero(~loose)
-    pieces[loose] = pieces[held[nearest(points[loose], points[held])]]
+def _ground(top: Points, tint: Points, tint_step: float, least: int) -> Labels:
+    """(nx, ny) patch of each smooth cell, from 0; -1 where a wall's noise or a scrap is."""
+    smooth = smooth_cells(top, tint, _STEP_M, tint_step, _RAGGED)
+    label = patches(smooth, top, tint, _STEP_M, tint_step)
+    sizes = np.bincount(label[smooth], minlength=1)
+    names = np.where(sizes >= least, np.cumsum(sizes >= least) - 1, -1)
+    return np.where(smooth, names[np.maximum(label, 0)], -1)
 
 
-def _even(label: Labels, tint: Points, least: int) -> bool:
-    """Whether nearly the whole plan lies in large patches of one plain colour each."""
-    even, total = 0, 0
-    for k in range(int(label.max()) + 1):
-        cells = tint[label == k]
-        total += len(cells)
-        if len(cells) >= least and float(np.nanstd(cells, axis=0).max()) <= _EVEN_TINT:
+def _give_to_nearest(points: Points, pieces: Labels, rough: NDArray[np.bool_]) -> None:
+    """Points off the smooth ground, a wall's mostly, join the nearest one's piece in space."""
+    held = np.flatnonzero(~rough)
+    pieces[rough] = pieces[held[nearest(points[rough], points[held])]]
+
+
+def _even(coloured: Labels, ground: Labels, tint: Points) -> bool:
+    """Whether nearly all smooth ground lies in patches of one plain colour each."""
+    even = 0
+    for k in range(int(coloured.max()) + 1):
+        cells = tint[coloured == k]
+        if float(np.nanstd(cells, axis=0).max()) <= _EVEN_TINT:
             even += len(cells)
-    return even >= _EVEN_SHARE * total
+    return even > 0 and even >= _EVEN_SHARE * np.count_nonzero(ground >= 0)
 
 
 def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Whether each patch is level, and its middle height."""
     inside = label >= 0
+    if not inside.any():
+        return np.zeros(1, dtype=bool), np.zeros(1)
     patch, height = label[inside], top[inside]
     order = np.lexsort((height, patch))
     edges = np.searchsorted(patch[order], np.arange(int(label.max()) + 2))
     sizes = np.diff(edges) - 1
-    low, middle, high = (
-        height[order[edges[:-1] + (share * sizes).astype(np.int64)]] for share in (0.1, 0.5, 0.9)
+    middle, high = (
+        height[order[edges[:-1] + (share * sizes).astype(np.int64)]] for share in (0.5, 0.9)
     )
-    return high - low <= _LEVEL_M, middle.astype(np.float64)
+    return high - middle <= _LEVEL_M, middle.astype(np.float64)
 
 
-def _joined(
-    label: Labels, least: int, level: NDArray[np.bool_], height: NDArray[np.float64]
-) -> Labels:
-    """Patches with scraps, enclosed ones and unlevel steps given to their main neighbour."""
+def _joined(label: Labels, level: NDArray[np.bool_], height: NDArray[np.float64]) -> Labels:
+    """Patches with enclosed ones and unlevel steps given to their main neighbour."""
     count = int(label.max()) + 1
+    if count < 2:
+        return label
     table = borders(label, count)
     owner = np.arange(count)
     alive = list(range(count))
@@ -129,10 +142,9 @@ def _joined(
             b = int(np.argmax(sides))
             if sides[b] == 0:
                 continue
-            scrap = area < least
             enclosed = sides[b] > _ENCLOSED * outline and area <= table[b, b]
             lower = a if height[a] < height[b] else b
-            if (scrap or enclosed or not level[lower]) and (best is None or (area, a) < best[:2]):
+            if (enclosed or not level[lower]) and (best is None or (area, a) < best[:2]):
                 best = (area, a, b)
         if best is None:
             break
@@ -146,25 +158,26 @@ def _joined(
         owner[owner == a] = b
         alive.remove(a)
     names = np.full(count, -1, dtype=np.int64)
-    big = [a for a in alive if table[a, a] >= least] or [max(alive, key=lambda a: table[a, a])]
-    for number, a in enumerate(big):
-        names[a] = number
-    mapped = np.where(label >= 0, names[owner[np.maximum(label, 0)]], -1)
-    return grow_rest(mapped, label >= 0)
+    names[alive] = np.arange(len(alive))
+    return np.where(label >= 0, names[owner[np.maximum(label, 0)]], -1)
 
 
-def grow_rest(mapped: Labels, inside: NDArray[np.bool_]) -> Labels:
-    """Cells left without a patch (lone scraps) go to the nearest one, by cell distance."""
-    lost = np.argwhere(inside & (mapped < 0))
-    if len(lost) == 0:
-        return mapped
-    held = np.argwhere(mapped >= 0)
-    filled = mapped.copy()
-    for x, y in lost.tolist():
-        away = (held[:, 0] - x) ** 2 + (held[:, 1] - y) ** 2
-        near = held[int(np.argmin(away))]
-        filled[x, y] = mapped[near[0], near[1]]
-    return filled
+def _apart(label: Labels) -> Labels:
+    """Patches whose outlines overlap are one: a bowl's floor lies within its rim."""
+    label = label.copy()
+    a = 0
+    while a <= label.max():
+        for b in range(a + 1, int(label.max()) + 1):
+            hulls = [_hull_area(label == k) for k in (a, b)]
+            both = _hull_area((label == a) | (label == b))
+            # Two convex outlines side by side span at least the sum of their areas.
+            if sum(hulls) - both > _OVERLAP * min(hulls):
+                label[label == b] = a
+                label[label > b] -= 1
+                a = -1
+                break
+        a += 1
+    return label
 
 
 def _cut_necks(label: Labels, least: int) -> Labels:
@@ -177,12 +190,8 @@ def _cut_necks(label: Labels, least: int) -> Labels:
             continue
         steps = inward(inside)
         for width in range(1, int(steps.max())):
-            cores = patches(
-                np.where(steps > width, np.float32(0), np.float32(np.nan)),
-                np.zeros((*steps.shape, 3), dtype=np.float32),
-                1.0,
-                np.inf,
-            )
+            flat = np.zeros((*steps.shape, 3), dtype=np.float32)
+            cores = patches(steps > width, flat[..., 0].copy(), flat, 1.0, np.inf)
             if cores.max() < 1:
                 continue
             parts = grow(cores, inside)

@@ -16,9 +16,10 @@ _REACH_PX = 6
 _NEARER_M = 0.02
 _EDGE_BAND_M = 0.012
 _HIDDEN_SHARE = 0.5
+_FREE_SHARE = 0.25
 _LEAST_PX = 4
 _CROWD_M = 0.005
-_CROWD_SHARE = 0.55
+_CROWD_SHARE = 0.58
 _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, down
 
 
@@ -124,9 +125,7 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
             inside = box.dimensions_m[axis] / 2 - local[own & at_edge][:, axis] * side
             if _is_face(inside):
                 continue
-            count = int(np.count_nonzero(end))
-            hidden = int(np.count_nonzero(end & beyond[step]))
-            if hidden >= _LEAST_PX and hidden > _HIDDEN_SHARE * count:
+            if _is_hidden(end, ends[step], beyond[step]):
                 found.append((axis, side))
     return cut, found
 
@@ -137,8 +136,27 @@ def _is_face(depths_m: Points) -> bool:
     depths_m: (N,) how far inside the edge each point lies. A surface that runs on under what
     hides it fills the band evenly.
     """
-    crowd = np.count_nonzero(depths_m < _CROWD_M)
-    return len(depths_m) >= _LEAST_PX and bool(crowd > _CROWD_SHARE * len(depths_m))
+    if len(depths_m) < _LEAST_PX:
+        return False
+    first = np.partition(depths_m, len(depths_m) // 20)[len(depths_m) // 20]  # noise reaches out
+    if first > _CROWD_M:
+        return False
+    return bool(np.count_nonzero(depths_m < first + _CROWD_M) > _CROWD_SHARE * len(depths_m))
+
+
+def _is_hidden(
+    at_edge: NDArray[np.bool_], ends: NDArray[np.bool_], beyond: NDArray[np.bool_]
+) -> bool:
+    """Whether the target's end on one side of the image is mostly something nearer's doing.
+
+    Not so where a fair stretch of the box's edge itself ends freely: its place is seen there.
+    """
+    total = int(np.count_nonzero(ends))
+    free = int(np.count_nonzero(at_edge & ~beyond))
+    if free >= max(_LEAST_PX, _FREE_SHARE * total):
+        return False
+    counts = [(np.count_nonzero(where & beyond), np.count_nonzero(where)) for where in (at_edge, ends)]
+    return any(hid >= _LEAST_PX and hid > _HIDDEN_SHARE * of for hid, of in counts)
 
 
 def _image_step(turn: Floats, view: Floats, axis: int, side: int) -> int:

@@ -51,15 +51,39 @@ def plan_grid(
 
 
 @jit
-def patches(top: Points, tint: Points, step_m: float, tint_step: float) -> NDArray[np.int64]:
-    """(nx, ny) patch of each cell, -1 empty: neighbours join unless height or tint steps."""
+def smooth_cells(
+    top: Points, tint: Points, step_m: float, tint_step: float, most: int
+) -> NDArray[np.bool_]:
+    """(nx, ny) cells of which all but `most` neighbours are there and no step away."""
     nx, ny = top.shape
+    smooth = np.zeros((nx, ny), dtype=np.bool_)
+    for x in range(1, nx - 1):
+        for y in range(1, ny - 1):
+            apart = 0
+            for dx in range(-1, 2):
+                for dy in range(-1, 2):
+                    a, b = x + dx, y + dy
+                    away = 0.0
+                    for k in range(3):
+                        away += abs(tint[a, b, k] - tint[x, y, k])
+                    if not abs(top[a, b] - top[x, y]) <= step_m or away > tint_step:
+                        apart += 1
+            smooth[x, y] = apart <= most and top[x, y] == top[x, y]
+    return smooth
+
+
+@jit
+def patches(
+    inside: NDArray[np.bool_], top: Points, tint: Points, step_m: float, tint_step: float
+) -> NDArray[np.int64]:
+    """(nx, ny) patch of each inside cell, -1 else: neighbours join unless height or tint steps."""
+    nx, ny = inside.shape
     label = np.full((nx, ny), -1, dtype=np.int64)
     stack = np.empty((nx * ny, 2), dtype=np.int64)
     found = 0
     for x0 in range(nx):
         for y0 in range(ny):
-            if label[x0, y0] != -1 or top[x0, y0] != top[x0, y0]:
+            if label[x0, y0] != -1 or not inside[x0, y0]:
                 continue
             label[x0, y0] = found
             stack[0, 0], stack[0, 1] = x0, y0
@@ -70,9 +94,11 @@ def patches(top: Points, tint: Points, step_m: float, tint_step: float) -> NDArr
                 for dx in range(-1, 2):
                     for dy in range(-1, 2):
                         a, b = x + dx, y + dy
-                        if a < 0 or b < 0 or a >= nx or b >= ny or label[a, b] != -1:
+                        if a < 0 or b < 0 or a >= nx or b >= ny:
                             continue
-                        if not abs(top[a, b] - top[x, y]) <= step_m:
+                        if not inside[a, b] or label[a, b] != -1:
+                            continue
+                        if abs(top[a, b] - top[x, y]) > step_m:
                             continue
                         away = 0.0
                         for k in range(3):
