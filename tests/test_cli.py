@@ -13,6 +13,8 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 from boxgrasp import Capture, GraspSelector, Selection, __version__
@@ -116,6 +118,25 @@ def test_mistakes_are_one_line_and_status_2(
 ) -> None:
     assert main(line.split()) == 2
     assert said in one_line(capsys)
+
+
+WORDS = st.sampled_from(
+    [*COMMANDS, "--json", "--pixel", "--point", "--object", "--mask", "--scan", "--config", "--"]
+    + ["--faces", "--picture", "--gripper", "--chooser", "--octomap", "--cloud-frame", "-v", "-"]
+    + ["1", "-1", "nan", "1e999", "front", "gone.npz", "", " ", "\n", "=", "--pixel=1", "base"]
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(command=st.sampled_from(["select", "objects", "explain", "show"]), words=st.lists(WORDS))
+def test_any_words_give_lines_and_status_2(
+    command: str, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main([command, *words]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert errors and all(line.startswith("boxgrasp: ") for line in errors), errors
+    assert "internal error" not in "".join(errors)
 
 
 def test_select_json_holds_the_schema(table: str, capsys: pytest.CaptureFixture[str]) -> None:
