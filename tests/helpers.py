@@ -1,0 +1,53 @@
+"""Cast scenes that several tests share; made once a process, never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from boxgrasp import Capture
+from boxgrasp.simulate import TableScene, build_scene, draw_scene, to_capture
+
+TABLE_M = 0.80
+CAMERA = {"position": [0.10, 0.0, 1.40], "gaze": [0.85, 0.0, 0.85]}
+
+
+def item(name: str, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> dict[str, Any]:
+    """One object of a scene's spec, base frame, z over the table."""
+    return {"name": name, "x": x, "y": y, "z": z, "yaw": yaw, "colour": [200, 60, 50]}
+
+
+def laid(target: dict[str, Any], *obstacles: dict[str, Any]) -> TableScene:
+    """A scene laid by hand; obstacles get colours of their own."""
+    colours = [[60, 120, 200], [70, 170, 80], [220, 180, 60], [150, 90, 170], [240, 140, 60]]
+    painted = [
+        {**other, "colour": colour} for other, colour in zip(obstacles, colours, strict=False)
+    ]
+    return build_scene({"target": target, "obstacles": painted, "camera": CAMERA})
+
+
+@cache
+def drawn(seed: int, obstacles: tuple[int, int] = (0, 4), yaw: str = "thesis") -> TableScene:
+    """A random scene of the thesis's kind."""
+    return draw_scene(np.random.default_rng(seed), obstacles=obstacles, yaw=yaw)
+
+
+def seen(scene: TableScene, noise_seed: int | None = None) -> Capture:
+    """The scene's view, exact unless a seed for the sensor's noise is given."""
+    rng = None if noise_seed is None else np.random.default_rng(noise_seed)
+    return to_capture(scene, rng, noise=noise_seed is not None)[0]
+
+
+def answer_text(selection: Any) -> str:
+    """The answer's line but for its timings."""
+    plain = selection.to_dict()
+    plain.pop("timings_ms")
+    return repr(plain)
+
+
+def angle_deg(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) -> float:
+    """Angle between two unit vectors."""
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b))))
