@@ -50,3 +50,15 @@ def settings_of(kind, place=()):
 built = Path(__file__).parent / "_build"
 built.mkdir(exist_ok=True)
 (built / "settings.md").write_text("\n".join(settings_of(Config)), "utf-8")
+
+
+def escape(app, what, name, obj, options, lines):
+    """Docstrings are plain text with `code`; what else reST would read as markup is escaped."""
+    for k, line in enumerate(lines):
+        pieces = line.split("`")
+        pieces[::2] = [re.sub(r"([|*\\])|(?<=\w)_(?!\w)", r"\\\g<0>", text) for text in pieces[::2]]
+        lines[k] = "``".join(pieces) if len(pieces) % 2 else line
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", escape, priority=400)  # before napoleon
