@@ -373,6 +373,36 @@ def test_broken_pipe_is_quiet(table: str) -> None:
     assert (done.returncode, done.stderr) == (141, "")
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+@pytest.mark.parametrize("command", ["config", "select gone.npz"])
+def test_full_disk_is_one_line(command: str) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*BOXGRASP, *command.split()], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and done.stderr.startswith("boxgrasp: "), done.stderr
+
+
+def test_path_of_any_bytes(table: str, tmp_path: Path) -> None:
+    path = os.fsencode(tmp_path) + b"/\xff\xc3.npz"
+    try:
+        os.symlink(table, path)
+    except OSError:
+        pytest.skip("this file system wants names in UTF-8")
+    for words in ([], ["--json"]):
+        done = subprocess.run([*BOXGRASP, "select", path, *words], capture_output=True)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert b"udcff" in done.stdout
+
+
+def test_closed_output(table: str) -> None:
+    done = subprocess.run(
+        f'"{sys.executable}" -m boxgrasp config >&-', shell=True, capture_output=True
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
 def test_interrupt_is_quiet(table: str) -> None:
     many = [table] * 2000
     process = subprocess.Popen(
