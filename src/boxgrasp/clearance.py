@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.frames import Floats
-from boxgrasp.kernels.uprights import columns_to_uprights, cells_to_uprights
+from boxgrasp.kernels._threads import run_chunks
+from boxgrasp.kernels.uprights import cells_to_uprights, columns_to_uprights
 
 CAP_M = 0.50
 RED_BELOW_M = 0.02
@@ -52,7 +53,14 @@ def to_columns(boxes: Floats, columns: NDArray[np.float32]) -> tuple[Floats, NDA
     columns: (N, 4) float32 base frame x, y, z low, z high; a point is a column of no height.
     Returns (M,) metres capped at 0.50, 0 inside, and (M,) index (-1 where none is near).
     """
-    return columns_to_uprights(boxes, columns, CAP_M)
+    distances = np.full(len(boxes), CAP_M)
+    nearest = np.full(len(boxes), -1, dtype=np.int64)
+
+    def work(first: int, last: int) -> None:
+        columns_to_uprights(boxes, columns, distances, nearest, first, last)
+
+    run_chunks(work, len(boxes), smallest=4)
+    return distances, nearest
 
 
 def to_points(boxes: Floats, points: NDArray[np.float32]) -> tuple[Floats, NDArray[np.int64]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -47,7 +47,7 @@ class SceneConfig:
     lowest_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
     noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
     highest_m: Metres = 1.0
-    outlier_neighbours: Annotated[int, Meta(ge=1, le=100)] = 8
+    outlier_neighbours: Annotated[int, Meta(ge=1, le=100)] = 5
     outlier_sigma: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
     least_points: Annotated[int, Meta(ge=1)] = 20
     workspace_m: tuple[Corner, Corner] | None = None
@@ -95,15 +95,12 @@ class Scene:
     source_points: Points
     T_base_source: Floats
 
-    @cached_property
-    def voxel_image(self) -> NDArray[np.int32]:
-        """(H * W,) voxel row of each pixel; -1 table or background, -2 no depth."""
-        if self.shape is None:
-            return readonly(np.empty(0, dtype=np.int32))
-        image = np.full(self.shape[0] * self.shape[1], -2, dtype=np.int32)
-        image[self.pixels] = -1
-        image[self.pixels[self.above]] = self.voxel_of_above
-        return readonly(image)
+    def voxels_at(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Row of the voxel at each flat pixel; -1 table or background, -2 no depth."""
+        row = _rows_of(pixels, self.pixels)
+        over = _rows_of(row, self.above)
+        voxel = np.where(over >= 0, self.voxel_of_above[over], -1)
+        return np.where(row >= 0, voxel, -2)
 
     @cached_property
     def cut_clusters(self) -> NDArray[np.int64]:
@@ -192,6 +189,14 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         source_points=points,
         T_base_source=readonly(T_base_source),
     )
+
+
+def _rows_of(values: NDArray[Any], among: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Where each value stands in a rising array, -1 where it does not."""
+    if len(among) == 0:
+        return np.full(np.shape(values), -1, dtype=np.int64)
+    at = np.minimum(np.searchsorted(among, np.asarray(values, dtype=among.dtype)), len(among) - 1)
+    return np.where(among[at] == values, at, -1)
 
 
 def _over(

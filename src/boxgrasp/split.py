@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.frames import Points
-from boxgrasp.kernels.plan import borders, grow, inward, nearest, patches, plan_grid, smooth_cells
+from boxgrasp.kernels.plan import borders, grow, hull_area, inward, nearest, patches, plan_grid, smooth_cells
 
 _CELL_M = 0.004
 _STEP_M = 0.008
@@ -168,8 +168,8 @@ def _apart(label: Labels) -> Labels:
     a = 0
     while a <= label.max():
         for b in range(a + 1, int(label.max()) + 1):
-            hulls = [_hull_area(label == k) for k in (a, b)]
-            both = _hull_area((label == a) | (label == b))
+            hulls = [hull_area(label == k) for k in (a, b)]
+            both = hull_area((label == a) | (label == b))
             # Two convex outlines side by side span at least the sum of their areas.
             if sum(hulls) - both > _OVERLAP * min(hulls):
                 label[label == b] = a
@@ -185,7 +185,7 @@ def _cut_necks(label: Labels, least: int) -> Labels:
     following = int(label.max()) + 1
     for patch in range(following):
         inside = label == patch
-        whole = _hull_area(inside)
+        whole = hull_area(inside)
         if np.count_nonzero(inside) < 2 * least or np.count_nonzero(inside) > _NOTCHED * whole:
             continue
         steps = inward(inside)
@@ -196,35 +196,10 @@ def _cut_necks(label: Labels, least: int) -> Labels:
                 continue
             parts = grow(cores, inside)
             sizes = np.bincount(parts[parts >= 0])
-            hulls = [_hull_area(parts == k) for k in range(len(sizes))]
+            hulls = [hull_area(parts == k) for k in range(len(sizes))]
             convex = all(s >= _CONVEX * h for s, h in zip(sizes, hulls, strict=True))
             if len(sizes) == 2 and sizes.min() >= least and convex and sum(hulls) < _NOTCHED * whole:
                 label = np.where(parts == 1, following, label)
                 following += 1
             break
     return label
-
-
-def _hull_area(inside: NDArray[np.bool_]) -> float:
-    """Area in cells of the convex hull of the cells (Andrew's monotone chain)."""
-    rows = np.flatnonzero(inside.any(axis=1))
-    if len(rows) == 0:
-        return 0.0
-    first = np.argmax(inside[rows], axis=1)
-    last = inside.shape[1] - np.argmax(inside[rows, ::-1], axis=1)
-    ends = [(float(r + d), float(c)) for r, f, l in zip(rows, first, last, strict=True) for d in (0, 1) for c in (f, l)]
-    ends = sorted(set(ends))
-    hull: list[tuple[float, float]] = []
-    for chain in (ends, ends[::-1]):
-        part: list[tuple[float, float]] = []
-        for p in chain:
-            while len(part) > 1 and _turn(part[-2], part[-1], p) <= 0:
-                part.pop()
-            part.append(p)
-        hull += part[:-1]
-    x, y = np.array(hull).T
-    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
-
-
-def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

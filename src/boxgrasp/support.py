@@ -11,9 +11,10 @@ from boxgrasp.errors import SceneError
 from boxgrasp.frames import Floats, Points, invert, make_transform, readonly, transform
 from boxgrasp.kernels.plane import plane_sums, plane_votes
 
-_SAMPLE = 2500
-_PROPOSALS = 200
-_CANDIDATES = 5
+_SAMPLE = 2000
+_PROPOSALS = 160
+_CANDIDATES = 4
+_ALIKE = np.cos(np.deg2rad(15.0))
 _COARSE_M = 0.015
 _FINE_M = 0.008
 _CARRIED_M = (0.015, 0.30)
@@ -56,21 +57,20 @@ def find_support_plane(
     """
     sample = np.ascontiguousarray(points[:: max(1, len(points) // _SAMPLE)])
     proposals = _proposals(sample, up)
-    rest = sample
+    votes = plane_votes(sample, proposals, _COARSE_M)
     candidates: list[tuple[int, Floats]] = []
-    while len(candidates) < _CANDIDATES and len(rest) > 0 and len(proposals) > 0:
-        votes = plane_votes(rest, proposals, _COARSE_M)
+    while len(candidates) < _CANDIDATES and len(proposals):
         best = int(np.argmax(votes))
         if votes[best] < max(30, 0.02 * len(sample)):
             break
         plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M, _FINE_M))
         if plane is None or not _plausible(plane[None], up)[0]:
             plane = proposals[best]
-        else:
+        elif not any(_alike(found[None], plane, sample)[0] for _, found in candidates):
             candidates.append((int(votes[best]), plane))
-        away = np.abs(rest @ plane[:3].astype(np.float32) + np.float32(plane[3]))
-        rest = np.ascontiguousarray(rest[away > 1.5 * _COARSE_M])
-        proposals = np.delete(proposals, best, axis=0)
+        rest = ~_alike(proposals, plane, sample)
+        rest[best] = False
+        proposals, votes = proposals[rest], votes[rest]
     if not candidates:
         raise SceneError(
             "no support plane found; valid: a view with a level surface under the objects"
@@ -86,10 +86,22 @@ def find_support_plane(
     carried = [_carried(sample, within, noise_m, plane) for _, plane in candidates]
     chosen = _choose(candidates, carried)
     dense = np.ascontiguousarray(points[:: max(1, len(points) // 60_000)])
-    plane = _refit(dense, chosen, (_FINE_M,) * 4)
+    if eye is not None:  # a second table behind may be level with this one, but not quite
+        near = np.sum((dense - eye.astype(np.float32)) ** 2, axis=1) <= far_m**2
+        dense = dense[near] if np.count_nonzero(near) > 1000 else dense
+    plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M, _FINE_M))
     if plane is None:
         plane = chosen
     return Plane(readonly(plane[:3].copy()), float(plane[3]))
+
+
+def _alike(planes: Floats, plane: Floats, sample: Points) -> NDArray[np.bool_]:
+    """(H,) which planes are nearly this one: alike in tilt, and near it where it has points."""
+    heights = sample @ plane[:3].astype(np.float32) + np.float32(plane[3])
+    on = sample[np.abs(heights) < _COARSE_M]
+    middle = np.median(on, axis=0) if len(on) else -plane[:3] * plane[3]
+    off = np.abs(planes[:, :3] @ middle + planes[:, 3])
+    return np.asarray((planes[:, :3] @ plane[:3] > _ALIKE) & (off < 2 * _COARSE_M))
 
 
 def support_frame(plane: Plane, optical: bool) -> Floats:
@@ -175,8 +187,8 @@ def _carried(sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: 
     T_source_table = support_frame(Plane(plane[:3], float(plane[3])), optical=True)
     local = transform(invert(T_source_table), sample)
     on = local[np.abs(local[:, 2]) < _FINE_M]
-    cells = np.unique(np.floor(on[:, :2] / _CELL_M).astype(np.int64), axis=0)
-    if len(cells) * _CELL_M**2 < _LEAST_PATCH_M2:
+    cells = np.floor(on[:, :2] / _CELL_M).astype(np.int64)
+    if len(np.unique(cells[:, 0] * (1 << 32) + cells[:, 1])) * _CELL_M**2 < _LEAST_PATCH_M2:
         return -1
     lowest = _CARRIED_M[0] + 4 * noise_m
     over = local[within & (local[:, 2] > lowest) & (local[:, 2] < _CARRIED_M[1])]
@@ -188,7 +200,7 @@ def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray
 
     points: (N, 3) of the view in the source frame.
     """
-    local = transform(invert(T_source_table), points[:: max(1, len(points) // 8_000)])
+    local = transform(invert(T_source_table), points[:: max(1, len(points) // 5_000)])
     return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above, margin=3)
 
 

@@ -105,9 +105,10 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
         raise TargetError(f"target pixel is {pixel!r}; valid: u v, whole numbers") from None
     if not (0 <= u < width and 0 <= v < height):
         raise TargetError(f"pixel {u} {v} is outside; valid: 0..{width - 1} 0..{height - 1}")
-    image = scene.voxel_image.reshape(height, width)
     v0, u0 = max(v - _PIXEL_REACH, 0), max(u - _PIXEL_REACH, 0)
-    window = image[v0 : v + _PIXEL_REACH + 1, u0 : u + _PIXEL_REACH + 1]
+    down = np.arange(v0, min(v + _PIXEL_REACH + 1, height))
+    along = np.arange(u0, min(u + _PIXEL_REACH + 1, width))
+    window = scene.voxels_at(down[:, None] * width + along)
     rows, columns = np.nonzero(window != -2)
     if len(rows) == 0:
         raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")

@@ -74,24 +74,25 @@ class _Window:
 def _window(capture: Capture, scene: Scene, own: NDArray[np.bool_]) -> _Window | None:
     assert scene.shape is not None
     height, width = scene.shape
-    voxel = scene.voxel_image.reshape(height, width)
-    rows = scene.pixels[scene.above[(scene.voxel_of_above >= 0)]]
-    rows = rows[own[scene.voxel_of_above[scene.voxel_of_above >= 0]]]
+    seen = scene.voxel_of_above >= 0
+    seen[seen] = own[scene.voxel_of_above[seen]]
+    rows = scene.pixels[scene.above[seen]]
     if len(rows) == 0:
         return None
     v, u = np.divmod(rows, width)
     v0, v1 = max(int(v.min()) - _REACH_PX, 0), min(int(v.max()) + _REACH_PX + 1, height)
     u0, u1 = max(int(u.min()) - _REACH_PX, 0), min(int(u.max()) + _REACH_PX + 1, width)
-    part = voxel[v0:v1, u0:u1]
-    mask = (part >= 0) & own[np.maximum(part, 0)]
-    index = np.full(part.shape, -1, dtype=np.int64)
-    flat = (np.arange(v0, v1)[:, None] * width + np.arange(u0, u1)).reshape(-1)
-    at = np.searchsorted(scene.pixels, flat)
-    found = at < len(scene.pixels)
-    found[found] = scene.pixels[at[found]] == flat[found]
-    index.reshape(-1)[found] = at[found]
-    points = np.full((*part.shape, 3), np.nan, dtype=np.float32)
-    points[index >= 0] = transform(scene.T_base_source, scene.source_points[index[index >= 0]])
+    mask = np.zeros((v1 - v0, u1 - u0), dtype=bool)
+    mask[v - v0, u - u0] = True
+    # Rows of the view are in pixel order, so each image row is a slice of them.
+    points = np.full((*mask.shape, 3), np.nan, dtype=np.float32)
+    for row in range(v0, v1):
+        ends = np.array((row * width + u0, row * width + u1), dtype=np.int32)
+        first, last = np.searchsorted(scene.pixels, ends)
+        at = scene.pixels[first:last] - (row * width + u0)
+        points[row - v0, at] = scene.source_points[first:last]
+    R, t = scene.T_base_source[:3, :3], scene.T_base_source[:3, 3]
+    points = points @ R.T.astype(np.float32) + t.astype(np.float32)
     assert scene.T_base_camera is not None
     forward = scene.T_base_camera[:3, 2].astype(np.float32)
     depth = (points - scene.T_base_camera[:3, 3].astype(np.float32)) @ forward

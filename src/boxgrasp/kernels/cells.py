@@ -11,6 +11,7 @@ from boxgrasp.kernels._threads import run_chunks
 
 _BIAS = 1 << 20
 _MASK = (1 << 21) - 1
+_OUTWARD = (0, -1, 1)
 
 
 @jit
@@ -155,50 +156,58 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
 @jit
 def neighbour_means(
     points: Points,
-    member: NDArray[np.int64],
     keys: NDArray[np.int64],
     table: NDArray[np.int64],
     value: NDArray[np.int64],
     order: NDArray[np.int64],
     start: NDArray[np.int64],
     reach_m: float,
-    nearest: NDArray[np.float64],
+    neighbours: int,
     means: Points,
     first: int,
     last: int,
 ) -> None:
-    """Fill means[first:last]; `nearest` (neighbours,) is room to work in."""
-    neighbours = nearest.shape[0]
-    for i in range(first, last):
-        key = keys[member[i]]
-        kx, ky, kz = key >> 42, (key >> 21) & _MASK, key & _MASK
-        nearest[:] = reach_m * reach_m
-        for dx in range(-1, 2):
-            for dy in range(-1, 2):
-                for dz in range(-1, 2):
-                    other = ((kx + dx) << 42) | ((ky + dy) << 21) | (kz + dz)
-                    at = _slot(table, other)
+    """Fill the means of the points in cells [first, last); the cells' edge is the reach."""
+    far = np.float32(reach_m * reach_m)
+    nearest = np.empty(neighbours, dtype=np.float32)
+    near = np.empty((1024, 3), dtype=np.float32)
+    for a in range(first, last):
+        kx, ky, kz = keys[a] >> 42, (keys[a] >> 21) & _MASK, keys[a] & _MASK
+        count = 0
+        for x0 in range(3):  # own cell first: its points are near and shut out most others
+            for y0 in range(3):
+                for z0 in range(3):
+                    dx, dy, dz = _OUTWARD[x0], _OUTWARD[y0], _OUTWARD[z0]
+                    at = _slot(table, ((kx + dx) << 42) | ((ky + dy) << 21) | (kz + dz))
                     if table[at] == -1:
                         continue
                     b = value[at]
+                    while count + start[b + 1] - start[b] > near.shape[0]:
+                        near = np.vstack((near, near))
                     for p in range(start[b], start[b + 1]):
-                        j = order[p]
-                        if j == i:
-                            continue
-                        x = points[i, 0] - points[j, 0]
-                        y = points[i, 1] - points[j, 1]
-                        z = points[i, 2] - points[j, 2]
-                        d = x * x + y * y + z * z
-                        if d < nearest[neighbours - 1]:
-                            k = neighbours - 1
-                            while k > 0 and nearest[k - 1] > d:
-                                nearest[k] = nearest[k - 1]
-                                k -= 1
-                            nearest[k] = d
-        total = 0.0
-        for k in range(neighbours):
-            total += np.sqrt(nearest[k])
-        means[i] = total / neighbours
+                        near[count] = points[order[p]]
+                        count += 1
+        for p in range(start[a], start[a + 1]):
+            i = order[p]
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            nearest[:] = far
+            selves = 0
+            for q in range(count):
+                x, y, z = near[q, 0] - px, near[q, 1] - py, near[q, 2] - pz
+                d = x * x + y * y + z * z
+                if d < nearest[neighbours - 1]:
+                    if d == 0 and selves == 0:
+                        selves = 1
+                        continue
+                    k = neighbours - 1
+                    while k > 0 and nearest[k - 1] > d:
+                        nearest[k] = nearest[k - 1]
+                        k -= 1
+                    nearest[k] = d
+            total = 0.0
+            for k in range(neighbours):
+                total += np.sqrt(float(nearest[k]))
+            means[i] = total / neighbours
 
 
 def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> Points:
@@ -208,10 +217,9 @@ def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> 
     means = np.empty(points.shape[0], dtype=np.float32)
 
     def work(first: int, last: int) -> None:
-        room = np.empty(neighbours)
         neighbour_means(
-            points, member, keys, table, value, order, start, reach_m, room, means, first, last
+            points, keys, table, value, order, start, reach_m, neighbours, means, first, last
         )
 
-    run_chunks(work, points.shape[0], smallest=2_000)
+    run_chunks(work, keys.shape[0], smallest=500)
     return means

@@ -11,28 +11,31 @@ from boxgrasp.kernels._jit import jit
 
 @jit
 def columns_to_uprights(
-    boxes: Floats, columns: NDArray[np.float32], cap_m: float
-) -> tuple[Floats, NDArray[np.int64]]:
-    """(M,) distances to the nearest of (N, 4) columns and its index, -1 beyond the cap."""
-    count = boxes.shape[0]
-    best = np.full(count, cap_m * cap_m)
-    nearest = np.full(count, -1, dtype=np.int64)
-    for m in range(count):
+    boxes: Floats,
+    columns: NDArray[np.float32],
+    distances: Floats,
+    nearest: NDArray[np.int64],
+    first: int,
+    last: int,
+) -> None:
+    """Lower distances[first:last] to the nearest of (N, 4) columns and note its index."""
+    for m in range(first, last):
         cx, cy, c, s = boxes[m, 0], boxes[m, 1], boxes[m, 2], boxes[m, 3]
         along, across, low, high = boxes[m, 4], boxes[m, 5], boxes[m, 6], boxes[m, 7]
-        least = best[m]
+        least = distances[m] * distances[m]
         for i in range(columns.shape[0]):
+            w = max(columns[i, 2] - high, low - columns[i, 3], 0.0)
+            if w * w >= least:
+                continue
             x = columns[i, 0] - cx
             y = columns[i, 1] - cy
             u = max(abs(x * c + y * s) - along, 0.0)
             v = max(abs(y * c - x * s) - across, 0.0)
-            w = max(columns[i, 2] - high, low - columns[i, 3], 0.0)
             d = u * u + v * v + w * w
             if d < least:
                 least = d
                 nearest[m] = i
-        best[m] = least
-    return np.sqrt(best), nearest
+        distances[m] = np.sqrt(least)
 
 
 @jit
