@@ -107,8 +107,12 @@ def measure(
     obstacles = np.ascontiguousarray(scene.points[~own])
     boxes = clearance.uprights(T, gripper.half_m)
     swept = clearance.uprights(T, gripper.half_m, config.approach_back_m)
-    bodies = np.vstack((obstacles, deepened(scene, ~own, local_map)))
-    columns = columns_under(bodies, local_map, scene.plane)
+    columns = np.vstack(
+        (
+            columns_under(obstacles, local_map, scene.plane),
+            deepened(scene, ~own, box, local_map),
+        )
+    )
     seen, nearest = clearance.to_points(boxes, obstacles)
     body, _ = clearance.to_columns(boxes, columns)
     approach, on_way = clearance.to_columns(swept, columns)

@@ -43,30 +43,37 @@ def _fall(
     return layer
 
 
-def deepened(scene: Scene, others: NDArray[np.bool_], local_map: LocalMap) -> Points:
-    """(N, 3) points behind what the image border cuts: taken to be as deep as it is wide.
+def deepened(
+    scene: Scene, others: NDArray[np.bool_], box: Box, local_map: LocalMap
+) -> NDArray[np.float32]:
+    """(N, 4) columns behind what the image border cuts: as deep as it is wide at the cut.
 
-    Its top is out of view, so its depth was not seen; other things show theirs from above. Only
-    places that were not seen free count. others: (K,) the scene's points that are obstacles.
+    Its top is out of view, so its depth was not seen; other things show theirs from above. It
+    reaches down as far as it was seen to, and only places that were not seen free count.
+    others: (K,) the scene's points that are obstacles; columns as `columns_under`.
     """
+    found = [np.empty((0, 4), dtype=np.float32)]
     eye = scene.eye_m
-    if eye is None:
-        return np.empty((0, 3), dtype=np.float32)
-    found = [np.empty((0, 3), dtype=np.float32)]
-    for cluster in scene.cut_clusters:
+    cut = scene.at_border[others[scene.at_border]]
+    for cluster in np.unique(scene.clusters[cut]).tolist():
+        if eye is None:
+            break
         points = scene.points[others & (scene.clusters == cluster)]
-        if len(points) == 0:
-            continue
         away = points[:, :2].mean(axis=0) - eye[:2].astype(np.float32)
         away /= max(float(np.linalg.norm(away)), 1e-6)
-        across = points[:, :2] @ np.array([-away[1], away[0]], dtype=np.float32)
+        rim = scene.points[cut[scene.clusters[cut] == cluster], :2]
+        across = rim @ np.array([-away[1], away[0]], dtype=np.float32)
         wide = min(float(np.ptp(across)), _DEEPEST_M)
+        column = np.column_stack((points, points[:, 2]))
+        column[:, 2] = points[:, 2].min()
         for step in np.arange(1, int(wide / _DEEPER_M) + 1):
-            found.append(points + np.append(away * np.float32(step * _DEEPER_M), np.float32(0)))
-    deeper = np.vstack(found)
-    cells, inside = local_map.keys(transform(invert(local_map.T_base_map), deeper))
+            found.append(column + np.append(away * np.float32(step * _DEEPER_M), np.zeros(2, np.float32)))
+    columns = np.vstack(found)
+    tops = columns[:, (0, 1, 3)]
+    cells, inside = local_map.keys(transform(invert(local_map.T_base_map), tops))
     inside &= local_map.state[cells[:, 0], cells[:, 1], cells[:, 2]] != FREE
-    return np.ascontiguousarray(deeper[inside])
+    own = np.abs(transform(invert(box.T_base_box), tops)) < box.dimensions_m / 2 + _SLACK_M
+    return np.ascontiguousarray(columns[inside & ~own.all(axis=1)])
 
 
 def columns_under(points: Points, local_map: LocalMap, plane: Plane) -> NDArray[np.float32]:

@@ -103,15 +103,15 @@ class Scene:
         return np.where(row >= 0, voxel, -2)
 
     @cached_property
-    def cut_clusters(self) -> NDArray[np.int64]:
-        """Clusters that the image border cuts, in rising order."""
+    def at_border(self) -> NDArray[np.int64]:
+        """Rows of the points that lie at the image border, in rising order."""
         if self.shape is None:
             return np.empty(0, dtype=np.int64)
         height, width = self.shape
         ok = self.voxel_of_above >= 0
         v, u = np.divmod(self.pixels[self.above[ok]], width)
-        border = (np.minimum(u, v) < _BORDER_PX) | (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
-        return np.unique(self.clusters[self.voxel_of_above[ok][border]])
+        far = (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
+        return np.unique(self.voxel_of_above[ok][far | (np.minimum(u, v) < _BORDER_PX)])
 
     @property
     def eye_m(self) -> Floats | None:

@@ -19,6 +19,9 @@ _HIDDEN_SHARE = 0.5
 _FREE_SHARE = 0.25
 _LEAST_PX = 4
 _CROWD_M = 0.005
+_BELOW_TOP_M = 0.012
+_FACING = 0.85
+_WALL_PX = 20
 _CROWD_SHARE = 0.58
 _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, down
 
@@ -126,6 +129,10 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
             inside = box.dimensions_m[axis] / 2 - local[own & at_edge][:, axis] * side
             if _is_face(inside):
                 continue
+            low = box.dimensions_m[2] / 2 - _BELOW_TOP_M
+            wall = np.count_nonzero(local[own & at_edge][:, 2] < low)
+            if side * view[axis] < -_FACING * np.hypot(view[0], view[1]) and wall >= _WALL_PX:
+                continue  # the face towards the camera is seen below the top
             if _is_hidden(end, ends[step], beyond[step]):
                 found.append((axis, side))
     return cut, found
