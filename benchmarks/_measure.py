@@ -1,0 +1,66 @@
+"""What the timing scripts share: captures to time on, quartiles, and figures of a fresh process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from boxgrasp import Capture
+from boxgrasp.simulate import draw_scene, to_capture
+
+
+def cast_captures(count: int, seed: int) -> list[Capture]:
+    """Cast 640 x 480 views with noise, each of a scene of its own."""
+    captures = []
+    for number in range(count):
+        rng = np.random.default_rng((seed, number))
+        captures.append(to_capture(draw_scene(rng), rng)[0])
+    return captures
+
+
+def save_npz(capture: Capture, path: Path) -> None:
+    """The capture as the `.npz` that the command line reads."""
+    np.savez_compressed(
+        path,
+        depth=capture.depth,
+        intrinsics=capture.intrinsics,
+        T_base_camera=capture.T_base_camera,
+        rgb=capture.rgb,
+        target_pixel=np.array(capture.target_pixel),
+    )
+
+
+def quartiles(milliseconds: Sequence[float]) -> str:
+    """Median, lower and upper quartile, and the least."""
+    low, middle, high = np.percentile(milliseconds, (25, 50, 75))
+    return f"{middle:8.1f}  {low:8.1f} to {high:6.1f}  {min(milliseconds):8.1f}"
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A process that has ended."""
+
+    seconds: float
+    status: int
+    out: str
+    err: str
+
+
+def run(words: Sequence[str], environment: Mapping[str, str] | None = None) -> Finished:
+    """Run Python with these words to its end; wall time from start to exit."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, *words],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **(environment or {})},
+    )
+    seconds = time.perf_counter() - start
+    return Finished(seconds, done.returncode, done.stdout, done.stderr)

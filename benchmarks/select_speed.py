@@ -1,0 +1,216 @@
+"""`select` beside the pipeline one would write first. `python benchmarks/select_speed.py`.
+
+From a 640 x 480 depth array to an answer, wall time around the call, warm, on several cast scenes.
+The obvious pipeline: back-projection, pass-through, Open3D's 3 mm voxels, plane, outliers and
+clusters over all that is seen; OctoMap's exact insertion of the whole cloud at 3 cm; 184 searches;
+numpy distances of the 15 options to the obstacle points. The cropped one does the same to what lies
+in a cube of 60 cm round the target, and inserts discretised. Both are spared the check: they find
+no reasons, no unseen space, no free approach. All take turns call by call, so that other work on
+the machine weighs on all alike: trust the ratios.
+
+Open3D is wanted for nothing but this (`pip install -r benchmarks/requirements.txt`); without it
+only our own figures are printed. Peak memory is that of a fresh process that reads one capture and
+selects.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _measure import cast_captures, quartiles, run, save_npz
+
+from boxgrasp import Capture, GraspSelector, Selection
+from boxgrasp.box import Box
+from boxgrasp.frames import Floats, Points, invert, transform
+from boxgrasp.gripper import Gripper
+from boxgrasp.options import options_of
+from boxgrasp.samples import grid
+
+BAR_MS, BAR_OBVIOUS, BAR_CROPPED, BAR_MB = 33.0, 10.0, 5.0, 400.0
+NEAR_M, FAR_M, VOXEL_M, CLUSTER_M, CELL_M, CROP_M = 0.4, 1.6, 0.003, 0.015, 0.03, 0.60
+# VmHWM and not ru_maxrss: a child's ru_maxrss counts what its parent held.
+PEAK = """
+import sys
+from boxgrasp import Capture, GraspSelector
+GraspSelector().select(Capture.load(sys.argv[1]))
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(int(peak.split()[1]) / 1024)
+"""
+
+
+def ours(selector: GraspSelector, capture: Capture) -> Selection:
+    """The call that is timed, from arrays."""
+    fresh = Capture(
+        capture.depth,
+        capture.intrinsics,
+        capture.T_base_camera,
+        capture.rgb,
+        target_pixel=capture.target_pixel,
+    )
+    return selector.select(fresh)
+
+
+def obvious(capture: Capture, crop: bool) -> int:
+    """The pipeline of the libraries; the row of the option with most clearance."""
+    import open3d
+
+    T = capture.T_base_camera
+    points, aim = back_projected(capture)
+    if crop:
+        points = points[np.all(np.abs(points - aim) < CROP_M / 2, axis=1)]
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    cloud = cloud.voxel_down_sample(VOXEL_M)
+    plane, _ = cloud.segment_plane(0.01, 3, 1000)
+    x = np.asarray(cloud.points)
+    plane = np.array(plane) * np.sign(T[2, :3] @ plane[:3])
+    high = np.flatnonzero(x @ plane[:3] + plane[3] > 0.01)
+    over, _ = cloud.select_by_index(high).remove_statistical_outlier(20, 2.0)
+    labels = np.array(over.cluster_dbscan(CLUSTER_M, 10))
+    stands = np.asarray(over.points)
+    own = labels == labels[np.argmin(((stands - aim) ** 2).sum(axis=1))]
+    box = aligned_box(transform(T, stands[own]), transform(T, x))
+    searched(x, T, box, exact=not crop)
+    return farthest(box, transform(T, stands[~own]))
+
+
+def back_projected(capture: Capture) -> tuple[Floats, Floats]:
+    """(N, 3) points in the camera frame and the target pixel's point (3,)."""
+    depth, K = capture.depth, capture.intrinsics
+    v, u = np.nonzero((depth > NEAR_M) & (depth < FAR_M))
+    z = depth[v, u].astype(np.float64)
+    points = np.column_stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
+    a, b = capture.target_pixel
+    return points, points[np.argmin((u - a) ** 2 + (v - b) ** 2)]
+
+
+def aligned_box(own: Floats, everything: Floats) -> Box:
+    """Plain minimum and maximum, down to the table."""
+    low, high = own.min(axis=0), own.max(axis=0)
+    low[2] = np.median(everything[:, 2])
+    T = np.eye(4)
+    T[:3, 3] = (low + high) / 2
+    return Box(T, high - low)
+
+
+def searched(points: Floats, T: Floats, box: Box, exact: bool) -> Points:
+    """(184,) occupancy of the half sphere out of OctoMap, in the map's frame."""
+    import octomap
+
+    T_map_camera = invert(box.T_base_map()) @ T
+    tree = octomap.OcTree(CELL_M)
+    tree.setProbMiss(0.3)
+    tree.insertPointCloud(
+        transform(T_map_camera, points), T_map_camera[:3, 3], maxrange=-1.0, discretize=not exact
+    )
+    values = np.full(184, 0.5, np.float32)
+    for k, place in enumerate(grid()):
+        try:
+            p = tree.search(place).getOccupancy()
+        except octomap.NullPointerException:
+            continue
+        values[k] = 1.0 if p > 0.66 else 0.0 if p < 0.33 else 0.5
+    return values
+
+
+def farthest(box: Box, obstacles: Floats) -> int:
+    """The option whose gripper box is farthest from the obstacle points."""
+    hand = Gripper()
+    options = options_of(box, hand)
+    clear = []
+    for T in options.T_base_gripper:
+        away = np.abs(transform(invert(T), obstacles)) - hand.half_m
+        clear.append(np.linalg.norm(np.maximum(away, 0.0), axis=1).min(initial=0.5))
+    return int(np.argmax(clear))
+
+
+def milliseconds(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Wall time of one call, and what it gave."""
+    start = time.perf_counter()
+    result = work()
+    return (time.perf_counter() - start) * 1e3, result
+
+
+def peak_memory_mb(capture: Capture) -> float:
+    """Most memory that a fresh process held while it read and selected."""
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "capture.npz"
+        save_npz(capture, path)
+        done = run(["-c", PEAK, str(path)])
+    if done.status:
+        raise RuntimeError(done.err)
+    return float(done.out)
+
+
+def word(held: bool) -> str:
+    """How a bar stands."""
+    return "held" if held else "MISSED"
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=12, help="calls a contender and scene")
+    parser.add_argument("--scenes", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=31)
+    parser.add_argument("--alone", action="store_true", help="without the libraries' pipelines")
+    args = parser.parse_args(argv)
+    captures = cast_captures(args.scenes, args.seed)
+    peak = peak_memory_mb(captures[0]) if Path("/proc/self/status").exists() else float("nan")
+    selector = GraspSelector()
+    contenders: dict[str, Callable[[Capture], Any]] = {
+        "select": selector.select,
+        "Capture + select": lambda capture: ours(selector, capture),
+    }
+    if not args.alone and importlib.util.find_spec("open3d") is None:
+        print("no open3d: `pip install -r benchmarks/requirements.txt` for the comparison")
+    elif not args.alone:
+        contenders["obvious"] = lambda capture: obvious(capture, crop=False)
+        contenders["cropped, discretised"] = lambda capture: obvious(capture, crop=True)
+    for work in contenders.values():
+        work(captures[0])
+    times: dict[str, list[float]] = {name: [] for name in contenders}
+    off, stages = [], []
+    for _ in range(args.rounds):
+        for capture in captures:
+            for name, work in contenders.items():
+                ms, result = milliseconds(lambda work=work, capture=capture: work(capture))
+                times[name].append(ms)
+                if name == "select":
+                    off.append(abs(ms - result.timings_ms["total"]) / ms)
+                    stages.append(result.timings_ms)
+    print(
+        f"{os.cpu_count()} cores, {args.scenes} cast scenes of 640 x 480, "
+        f"{len(off)} calls each, warm; ms"
+    )
+    print(f"{'':22s}  {'median':>8s}  {'quartiles':>18s}  {'least':>8s}   over ours")
+    median = {name: float(np.median(values)) for name, values in times.items()}
+    for name, values in times.items():
+        ratio = median[name] / median["Capture + select"]
+        print(f"{name:22s}  {quartiles(values)}   {ratio:5.1f}")
+    print(
+        "stages: "
+        + ", ".join(f"{key} {np.median([lap[key] for lap in stages]):.1f}" for key in stages[0])
+    )
+    own = median["Capture + select"]
+    print(f"\nmedian at most {BAR_MS:.0f} ms: {own:.1f}, {word(own <= BAR_MS)}")
+    print(
+        f"timings_ms.total within 5 %: off by {np.median(off):.2%} (median), {max(off):.2%} "
+        f"(most), {word(float(np.median(off)) <= 0.05)}"
+    )
+    for name, bar in (("obvious", BAR_OBVIOUS), ("cropped, discretised", BAR_CROPPED)):
+        if name in median:
+            ratio = median[name] / own
+            print(f"{bar:.0f} times faster than {name}: {ratio:.1f}, {word(ratio >= bar)}")
+    print(f"peak memory under {BAR_MB:.0f} MB: {peak:.0f}, {word(peak < BAR_MB)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""Every benchmark runs as it stands at its least size, and judges as it says."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).resolve().parent.parent / "benchmarks"
+LEAST = {
+    "captures": ["--only", "6dofgn_cheezit"],
+    "cast_scenes": ["--solvable", "1", "--hopeless", "0", "--between", "0", "--processes", "1"],
+    "local_map": ["--rounds", "1"],
+    "process_start": ["--rounds", "1", "--warm"],
+    "raycast": ["--repeats", "2"],
+    "select_speed": ["--rounds", "1", "--scenes", "1", "--alone"],
+}
+
+
+def module(name: str) -> ModuleType:
+    """A benchmark, imported from its file as its siblings import each other."""
+    if str(FOLDER) not in sys.path:
+        sys.path.append(str(FOLDER))
+    spec = spec_from_file_location(name, FOLDER / f"{name}.py")
+    assert spec and spec.loader
+    loaded = module_from_spec(spec)
+    sys.modules[name] = loaded
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def printed(name: str, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py"), *LEAST[name]],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_benchmark_has_a_least_size() -> None:
+    scripts = {path.stem for path in FOLDER.glob("[a-z]*.py")}
+    assert scripts == set(LEAST)
+    told = (FOLDER / "README.md").read_text("utf-8")
+    assert all(f"`{name}.py`" in told for name in scripts)
+
+
+def test_captures_answers_twice_alike(captures_dir: Path) -> None:
+    out = printed("captures", BOXGRASP_CAPTURES=str(captures_dir))
+    assert re.search(r"6dofgn_cheezit\s+0\s+(grasp|ask)\s+same", out), out
+    assert re.search(r"6dofgn_cheezit\s+\d\.\d\d degrees .* held", out), out
+
+
+def test_captures_without_captures_does_nothing(tmp_path: Path) -> None:
+    assert "nothing done" in printed("captures", BOXGRASP_CAPTURES=str(tmp_path))
+
+
+def test_cast_scenes_judges_one_scene() -> None:
+    out = printed("cast_scenes")
+    assert out.count("answered by a grasp") == 2  # once a segmentation
+    assert "1 scenes" in out and "hopeless" not in out
+
+
+def test_select_speed_times_itself() -> None:
+    out = printed("select_speed")
+    off = re.search(r"off by ([\d.]+)%", out)
+    assert off and float(off[1]) <= 5.0, out
+    peak = re.search(r"peak memory under 400 MB: (\d+)", out)
+    assert peak and 20 < int(peak[1]) < 400, out
+
+
+def test_process_start_answers() -> None:
+    assert re.search(r"after it: \d+\.\d\d s", printed("process_start"))
+
+
+def test_local_map_equals_octomap() -> None:
+    pytest.importorskip("octomap")
+    rows = printed("local_map").splitlines()[-2:]
+    assert all(row.endswith("100.00%") for row in rows), rows
+
+
+def test_raycast_counts_views() -> None:
+    assert "views/s" in printed("raycast")
+
+
+def test_bands_and_intervals() -> None:
+    truth = module("_truth")
+    assert [truth.band_of(x) for x in (0.0, 0.0149, 0.015, 0.0249, 0.025, 0.3)] == [
+        *("hopeless", "hopeless", "between", "between", "solvable", "solvable")
+    ]
+    low, high = truth.wilson(95, 100)
+    assert (low, high) == pytest.approx((0.8882, 0.9785), abs=1e-4)
+    assert truth.wilson(0, 0) == (0.0, 1.0)
+    assert truth.wilson(0, 50)[0] == 0.0 and 0.05 < truth.wilson(0, 50)[1] < 0.08
+
+
+def test_a_scene_is_drawn_the_same_whatever_came_before() -> None:
+    truth = module("_truth")
+    first = next(truth.scenes(3, 1, "solvable"))
+    again = truth.judged(*first.seed)
+    assert again.truth.best_m == first.truth.best_m >= 0.025
+    np.testing.assert_array_equal(again.scene.T_base_camera, first.scene.T_base_camera)
+
+
+def test_the_true_option_that_is_best_is_good_and_safe() -> None:
+    truth = module("_truth")
+    scene = next(truth.scenes(3, 1, "solvable"))
+    clear = np.where(scene.truth.valid, scene.truth.clearance_m, -1.0)
+    worth = truth.verdict(scene, scene.options.T_base_gripper[int(np.argmax(clear))])
+    assert worth.good and worth.safe
+
+
+def test_farthest_option_is_the_one_away_from_the_obstacle() -> None:
+    speed = module("select_speed")
+    box = speed.Box(np.eye(4), np.array([0.06, 0.06, 0.20]))
+    wall = np.stack(np.meshgrid([-0.10], np.linspace(-0.2, 0.2, 9), np.linspace(0, 0.3, 7)), -1)
+    right = speed.farthest(box, wall.reshape(-1, 3))
+    assert right // 3 + 1 != 2  # the wall stands before the front face
