@@ -18,6 +18,7 @@ from boxgrasp.support import Plane
 
 _FAR_M = 1.0
 _SLACK_M = 0.005
+_GRAZING = 0.12  # slope of the view under which a top shows too little of itself
 _DEEPER_M = 0.02
 _DEEPEST_M = 0.25
 
@@ -46,28 +47,32 @@ def _fall(
 def deepened(
     scene: Scene, others: NDArray[np.bool_], box: Box, local_map: LocalMap
 ) -> NDArray[np.float32]:
-    """(N, 4) columns behind what the image border cuts: as deep as it is wide at the cut.
+    """(N, 4) columns behind what shows no top: taken to be as deep as it is wide there.
 
-    Its top is out of view, so its depth was not seen; other things show theirs from above. It
-    reaches down as far as it was seen to, and only places that were not seen free count.
-    others: (K,) the scene's points that are obstacles; columns as `columns_under`.
+    A thing shows its depth by its top, but where the image border cuts it or the camera is not
+    well above it. It reaches down as far as it was seen to, and only places that were not seen
+    free count. others: (K,) the scene's points that are obstacles; columns as `columns_under`.
     """
     found = [np.empty((0, 4), dtype=np.float32)]
     eye = scene.eye_m
-    cut = scene.at_border[others[scene.at_border]]
-    for cluster in np.unique(scene.clusters[cut]).tolist():
-        if eye is None:
-            break
+    if eye is None:
+        return found[0]
+    offset = scene.points - eye.astype(np.float32)
+    topless = offset[:, 2] > -_GRAZING * np.hypot(offset[:, 0], offset[:, 1])
+    topless[scene.at_border] = True
+    topless &= others
+    for cluster in np.unique(scene.clusters[topless]).tolist():
         points = scene.points[others & (scene.clusters == cluster)]
+        rim = scene.points[topless & (scene.clusters == cluster), :2]
         away = points[:, :2].mean(axis=0) - eye[:2].astype(np.float32)
         away /= max(float(np.linalg.norm(away)), 1e-6)
-        rim = scene.points[cut[scene.clusters[cut] == cluster], :2]
         across = rim @ np.array([-away[1], away[0]], dtype=np.float32)
         wide = min(float(np.ptp(across)), _DEEPEST_M)
         column = np.column_stack((points, points[:, 2]))
         column[:, 2] = points[:, 2].min()
         for step in np.arange(1, int(wide / _DEEPER_M) + 1):
-            found.append(column + np.append(away * np.float32(step * _DEEPER_M), np.zeros(2, np.float32)))
+            shift = np.append(away * np.float32(step * _DEEPER_M), np.zeros(2, np.float32))
+            found.append(column + shift)
     columns = np.vstack(found)
     tops = columns[:, (0, 1, 3)]
     cells, inside = local_map.keys(transform(invert(local_map.T_base_map), tops))
