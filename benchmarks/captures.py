@@ -261,7 +261,11 @@ def main(argv: list[str] | None = None) -> None:
     )
     print("\nsupport plane from the reference's (bar: 1.5 degrees, 1.5 cm)")
     for name in names:
-        off = planes.get(name) or plane_of_scene(name, root / name)
+        try:
+            off = planes.get(name) or plane_of_scene(name, root / name)
+        except BoxgraspError as error:
+            print(f"{name:16s} MISSED: {error}")
+            continue
         if off is not None:
             held = "held" if off[0] <= PLANE_DEG and abs(off[1]) <= PLANE_M else "MISSED"
             print(f"{name:16s} {off[0]:4.2f} degrees {100 * off[1]:+5.2f} cm  {held}")
