@@ -21,6 +21,7 @@ _STEP_M = 0.008
 _TINT_STEP = 0.10
 _RAGGED = 3  # neighbours of a smooth cell that may be missing or a step away
 _LEAST_M2 = 0.0005  # smooth ground of a thing of its own
+_BROAD = 3  # cells from its middle to its rim at least
 _ENCLOSED = 0.42  # share of its outline on a neighbour from which a patch is part of it
 _EVEN_SHARE = 0.8  # of the smooth ground in large patches of one colour, for colour to count
 _EVEN_TINT = 0.012
@@ -87,9 +88,20 @@ def _ground(top: Points, tint: Points, tint_step: float, least: int) -> Labels:
     """(nx, ny) patch of each smooth cell, from 0; -1 where a wall's noise or a scrap is."""
     smooth = smooth_cells(top, tint, _STEP_M, tint_step, _RAGGED)
     label = patches(smooth, top, tint, _STEP_M, tint_step)
-    sizes = np.bincount(label[smooth], minlength=1)
-    names = np.where(sizes >= least, np.cumsum(sizes >= least) - 1, -1)
+    broad = np.bincount(label[smooth], minlength=1) >= least
+    for k in np.flatnonzero(broad).tolist():  # a wall seen aslant is long, but no ground to stand
+        broad[k] = inward(_filled(label == k)).max() >= _BROAD
+    names = np.where(broad, np.cumsum(broad) - 1, -1)
     return np.where(smooth, names[np.maximum(label, 0)], -1)
+
+
+def _filled(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The patch with the holes that drop-outs leave in it: cells most of whose ring is patch."""
+    ring = np.zeros(patch.shape, dtype=np.int64)
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            ring += np.roll(patch, (dx, dy), (0, 1))  # the rim of a plan is empty
+    return patch | (ring >= 5)
 
 
 def _give_to_nearest(points: Points, pieces: Labels, rough: NDArray[np.bool_]) -> None:
