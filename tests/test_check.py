@@ -1,0 +1,199 @@
+"""The check's numbers against exact surfaces, and its reasons against its numbers."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import TABLE_M, drawn, item, laid, seen
+
+from boxgrasp import Capture, GraspSelector, Selection, Target
+from boxgrasp.errors import GripperError
+from boxgrasp.frames import invert, transform
+from boxgrasp.scene import SceneConfig, find_scene
+from boxgrasp.simulate import TableScene, option_truth
+from boxgrasp.target import find_target
+
+SEEDS = range(10)
+HALF = np.array([0.11, 0.085, 0.035])
+
+
+@cache
+def answer(seed: int, noise: bool = False) -> tuple[TableScene, Capture, Selection]:
+    scene = drawn(seed, (2, 4), "random")
+    capture = seen(scene, seed if noise else None)
+    return scene, capture, GraspSelector().select(capture)
+
+
+def poses(found: Selection) -> np.ndarray:
+    return np.array([option.T_base_gripper for option in found.options])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("noise", [False, True])
+def test_seen_is_the_distance_to_the_nearest_point_that_is_not_the_targets(
+    seed: int, noise: bool
+) -> None:
+    _, capture, found = answer(seed, noise)
+    scene = find_scene(capture, (), SceneConfig())
+    others = scene.points[~find_target(scene, capture, None)].astype(np.float64)
+    for option in found.options:
+        local = transform(invert(option.T_base_gripper), others)
+        away = np.linalg.norm(np.maximum(np.abs(local) - HALF, 0), axis=1)
+        assert option.seen_m == pytest.approx(min(away.min(initial=0.5), 0.5), abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_numbers_against_exact_surfaces(seed: int) -> None:
+    """Seen is never less than to the exact surfaces, and support is the true height."""
+    scene, capture, _ = answer(seed)
+    own = Target(mask=scene.view().labels == scene.target_label)  # segmentation is not in question
+    found = GraspSelector().select(capture, own)
+    truth = option_truth(scene, poses(found))
+    for k, option in enumerate(found.options):
+        # Surfaces hidden from the view may be nearer, seen ones are not farther.
+        assert option.seen_m >= truth.clearance_m[k] - 0.003
+        assert option.support_m == pytest.approx(min(truth.support_m[k], 0.5), abs=0.003)
+        assert option.unseen_m <= option.seen_m + 1e-9
+
+
+def test_numbers_of_a_lone_neighbour_are_the_true_ones() -> None:
+    """A box wall that faces the camera and the gripper: distances within a voxel."""
+    scene = laid(item("beans_can", 0.95, 0.0), item("green_cube", 0.83, 0.0))
+    found = GraspSelector().select(seen(scene))
+    truth = option_truth(scene, poses(found))
+    near = [k for k, o in enumerate(found.options) if o.face >= 4]
+    for k in near:
+        assert found.options[k].seen_m == pytest.approx(truth.clearance_m[k], abs=0.004)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("noise", [False, True])
+def test_reasons_follow_the_numbers(seed: int, noise: bool) -> None:
+    for option in answer(seed, noise)[2].options:
+        told = option.rejected or ""
+        assert option.rejected is None or told.strip()
+        assert "\n" not in told
+        assert ("support plane" in told) == (option.support_m < 0.003)
+        assert ("needs 2.3 cm" in told) == (option.seen_m < 0.023)
+        assert ("approach:" in told) == (option.approach_m < 0.005)
+        wide = option.width_m > 0.12 - 0.003
+        assert ("wide, opening 12.0 cm" in told) == wide
+        assert option.fits == (not wide and "width unknown" not in told)
+        if option.rejected is None:
+            assert option.fits and option.seen_m >= 0.023
+            assert option.support_m >= 0.003 and option.approach_m >= 0.005
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_widths_are_the_boxs(seed: int) -> None:
+    found = answer(seed)[2]
+    x, y, _ = found.box.dimensions_m
+    for option in found.options:
+        assert option.width_m == (x if option.face in (1, 3, 5) else y)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_distances_are_finite_and_capped(seed: int) -> None:
+    for option in answer(seed)[2].options:
+        for value in (option.seen_m, option.unseen_m, option.approach_m):
+            assert 0.0 <= value <= 0.5
+        assert -0.5 <= option.support_m <= 0.5
+
+
+def test_a_wide_target_asks_and_says_so() -> None:
+    """A cereal box seen end on is 20 cm across and 15 cm deep: no way round it."""
+    found = GraspSelector({"gripper": {"opening_m": 0.03}}).select(
+        seen(laid(item("green_cube", 0.85, 0.0)), 0)
+    )
+    assert found.status == "ask"
+    assert all("wide, opening 3.0 cm" in (o.rejected or "") for o in found.options)
+    assert "wide" in str(found.blocking)
+
+
+def test_a_gripper_at_the_table_is_refused_there() -> None:
+    """A 2 cm pack: from the side the 7 cm thick hand would lie in the table."""
+    found = GraspSelector().select(seen(laid(item("cigarettes", 0.85, 0.0)), 0))
+    for option in found.options:
+        if option.face <= 3:
+            assert option.support_m < 0 and "support plane" in str(option.rejected)
+        else:
+            assert option.support_m == pytest.approx(0.02 - 0.01, abs=0.004)
+    assert found.face in (4, 5)
+
+
+def test_a_cube_before_a_tube_blocks_its_foot_alone() -> None:
+    """The hand from the front would sit in the cube low down, and pass over it at the top."""
+    scene = laid(item("crisps_tube", 0.95, 0.0), item("green_cube", 0.84, 0.0))
+    found = GraspSelector().select(seen(scene, 0))
+    foot, top = found.option(4), found.option(6)
+    assert foot.seen_m == 0.0 and foot.approach_m == 0.0
+    assert "object 1 0.0 cm" in str(foot.rejected) and "approach" in str(foot.rejected)
+    truth = option_truth(scene, poses(found))
+    assert top.seen_m == pytest.approx(truth.clearance_m[5], abs=0.004)
+    assert top.seen_m > 0.05 and top.approach_m > 0.05
+    assert found.label != 4
+
+
+def test_a_floating_lamp_blocks_the_way_down_and_is_named() -> None:
+    scene = laid(item("green_cube", 0.85, 0.0), item("lamp_wide", 0.85, 0.02, 0.0, 0.30))
+    capture = seen(scene, 0)
+    found = GraspSelector().select(capture)
+    truth = option_truth(scene, poses(found))
+    top = [k for k, o in enumerate(found.options) if o.face >= 4]
+    assert (truth.approach_m[top] == 0).all()
+    for k in top:
+        assert found.options[k].rejected is not None
+        assert found.options[k].approach_m <= 0.02
+    assert TABLE_M < 1.0
+
+
+def test_thresholds_are_the_configured_ones() -> None:
+    capture = answer(3, True)[1]
+    strict = GraspSelector({"check": {"clearance_m": 0.2}}).select(capture)
+    loose = GraspSelector({"check": {"clearance_m": 0.0, "noise_m": 0.0}}).select(capture)
+    assert sum(o.rejected is None for o in strict.options) <= sum(
+        o.rejected is None for o in loose.options
+    )
+    for a, b in zip(strict.options, loose.options, strict=True):
+        assert a.seen_m == b.seen_m
+        assert ("needs 20.3 cm" in str(a.rejected)) == (a.seen_m < 0.203)
+        assert "needs 0.0 cm" not in str(b.rejected) or b.seen_m == 0
+
+
+def test_fingers_that_cannot_open_past_the_margin_are_refused() -> None:
+    selector = GraspSelector({"gripper": {"opening_m": 0.01}, "check": {"width_m": 0.02}})
+    with pytest.raises(GripperError, match="opening_m") as caught:
+        selector.select(answer(0)[1])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_target_cut_by_the_border_warns() -> None:
+    scene = laid(item("cereal_y", 0.85, 0.0))
+    view = scene.view()
+    v, u = np.nonzero(view.labels == 2)
+    left = int(np.median(u))
+    K = np.array(scene.intrinsics)
+    K[0, 2] -= left
+    cut = Capture(
+        view.depth[:, left:], K, scene.T_base_camera, target_pixel=(20, int(np.median(v)))
+    )
+    found = GraspSelector().select(cut)
+    assert any("border" in warning for warning in found.warnings)
+    assert any("lower bound" in warning for warning in found.warnings)
+    across_y = [o for o in found.options if o.face in (2, 4)]
+    assert not any(o.fits for o in across_y)
+    assert all("width unknown" in str(o.rejected) for o in across_y if o.width_m < 0.117)
+    whole = GraspSelector().select(seen(scene))
+    assert not any("border" in w or "lower bound" in w for w in whole.warnings)
+
+
+def test_a_hidden_edge_is_a_lower_bound() -> None:
+    """A tall box before the left half of a wide one hides where it ends."""
+    scene = laid(item("cereal_y", 0.95, 0.0), item("cereal_x", 0.72, 0.13, 1.5708))
+    found = GraspSelector().select(seen(scene))
+    truth = 0.20
+    if found.box.dimensions_m[1] < truth - 0.01:
+        assert any("lower bound" in warning for warning in found.warnings)
+        assert not any(o.fits for o in found.options if o.face in (2, 4))

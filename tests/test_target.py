@@ -1,0 +1,244 @@
+"""Which object is meant: every way to point at one, and every way to point wrongly."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import TABLE_M, item, laid, seen
+
+from boxgrasp import Capture, GraspSelector, Target
+from boxgrasp.errors import TargetError
+from boxgrasp.scene import Scene, SceneConfig, find_scene
+from boxgrasp.simulate import to_capture
+from boxgrasp.target import find_target
+
+CUBE, TUBE, CAN = 2, 3, 4
+LAID = laid(
+    item("green_cube", 0.85, 0.0), item("crisps_tube", 0.95, 0.22), item("beans_can", 0.75, -0.2)
+)
+LABELS = LAID.view().labels
+
+
+@cache
+def view() -> tuple[Capture, Scene]:
+    capture = seen(LAID, 0)
+    return capture, find_scene(capture, (), SceneConfig())
+
+
+def plain(**changes: object) -> Capture:
+    """The view without a target of its own."""
+    capture = view()[0]
+    parts = {"depth": capture.depth, "rgb": capture.rgb, **changes}
+    depth, rgb = parts.pop("depth"), parts.pop("rgb")
+    return Capture(depth, capture.intrinsics, capture.T_base_camera, rgb, **parts)  # type: ignore[arg-type]
+
+
+def true_label(points: np.ndarray) -> int:
+    """The object whose true middle is nearest to the points' middle, in plan."""
+    middle = (points[:, :2].max(axis=0) + points[:, :2].min(axis=0)) / 2
+    places = {CUBE: (0.85, 0.0), TUBE: (0.95, 0.22), CAN: (0.75, -0.2)}
+    away = {label: float(np.hypot(*(middle - place))) for label, place in places.items()}
+    label = min(away, key=lambda k: away[k])
+    assert away[label] < 0.05
+    return label
+
+
+def chosen(target: Target | None, capture: Capture | None = None) -> int:
+    scene = view()[1] if capture is None else find_scene(capture, (), SceneConfig())
+    own = find_target(scene, capture or view()[0], target)
+    assert own.dtype == bool and own.shape == (len(scene.points),) and own.any()
+    return true_label(scene.points[own])
+
+
+def middle_pixel(label: int) -> tuple[int, int]:
+    v, u = np.nonzero(LABELS == label)
+    return int(np.median(u)), int(np.median(v))
+
+
+@pytest.mark.parametrize("label", [CUBE, TUBE, CAN])
+def test_by_pixel_point_mask_and_number(label: int) -> None:
+    capture, scene = view()
+    assert chosen(Target(pixel=middle_pixel(label))) == label
+    assert chosen(Target(mask=label == LABELS)) == label
+    assert chosen(Target(mask=(label == LABELS).astype(np.uint8) * 255)) == label
+    middle = LAID.primitives[label].T_base_solid[:3, 3]  # type: ignore[union-attr]
+    eye = LAID.T_base_camera[:3, 3]
+    own = scene.points[find_target(scene, capture, Target(mask=label == LABELS))]
+    nearest = own[np.argmin(np.linalg.norm(np.cross(own - eye, middle - eye), axis=1))]
+    assert chosen(Target(point=tuple(nearest.tolist()))) == label
+    assert chosen(Target(point=tuple((nearest + (0, 0, 0.02)).tolist()))) == label
+    numbers = [k for k in (1, 2, 3) if chosen(Target(object=k)) == label]
+    assert len(numbers) == 1
+
+
+def test_every_pixel_of_an_object_means_it() -> None:
+    capture, scene = view()
+    assert capture.depth is not None
+    rng = np.random.default_rng(0)
+    for label in (CUBE, TUBE, CAN):
+        base = LABELS == label
+        v, u = np.nonzero(base)
+        # The lowest rows of an object vanish in the table's noise.
+        low = v > v.min() + 0.8 * np.ptp(v)
+        for k in rng.choice(np.flatnonzero(~low), 30, replace=False):
+            own = find_target(scene, capture, Target(pixel=(int(u[k]), int(v[k]))))
+            assert true_label(scene.points[own]) == label
+
+
+def test_the_captures_own_target() -> None:
+    assert chosen(None) == CUBE  # the target pixel
+    mask, pixel = LABELS == TUBE, middle_pixel(CAN)
+    assert chosen(None, plain(mask=mask)) == TUBE
+    assert chosen(None, plain(target_pixel=pixel)) == CAN
+    both = plain(mask=mask, target_pixel=pixel)
+    assert chosen(None, both) == TUBE  # a mask counts before a pixel
+    assert chosen(Target(pixel=pixel), both) == CAN  # what the caller says counts before both
+    assert chosen(Target(object=1), both) == chosen(Target(object=1))
+
+
+@pytest.mark.parametrize("label", [CUBE, TUBE, CAN])
+def test_a_pixel_without_depth_takes_the_nearest_with_it(label: int) -> None:
+    u, v = middle_pixel(label)
+    depth = np.array(view()[0].depth)
+    depth[v - 3 : v + 4, u - 3 : u + 4] = 0
+    assert chosen(Target(pixel=(u, v)), plain(depth=depth)) == label
+    depth[v - 8 : v + 9, u - 8 : u + 9] = 0
+    with pytest.raises(TargetError, match="no depth near"):
+        chosen(Target(pixel=(u, v)), plain(depth=depth))
+
+
+def test_a_hole_at_the_edge_takes_the_object_and_not_the_table() -> None:
+    """Left of the tube's edge: table is as near as the object, but was not pointed at."""
+    v, u = np.nonzero(LABELS == TUBE)
+    row = int(np.median(v))
+    edge = int(u[v == row].min())
+    depth = np.array(view()[0].depth)
+    depth[row - 6 : row + 7, edge - 4 : edge + 3] = 0
+    pixel = (edge, row)  # table from 4 px to the left, tube from 3 px to the right
+    assert chosen(Target(pixel=pixel), plain(depth=depth)) == TUBE
+
+
+def test_a_mask_wins_over_the_segmentation() -> None:
+    """Half of a box is half of it; the union of two things that touch is one target."""
+    capture, scene = view()
+    v, u = np.nonzero(LABELS == TUBE)
+    half = (LABELS == TUBE) & (np.arange(LABELS.shape[0])[:, None] < np.median(v))
+    own = find_target(scene, capture, Target(mask=half))
+    whole = find_target(scene, capture, Target(mask=LABELS == TUBE))
+    assert own.sum() < 0.7 * whole.sum()
+    assert not (own & ~whole).any()
+
+    pair = laid(item("green_cube", 0.85, -0.0305), item("green_cube", 0.85, 0.0305))
+    pair_capture = seen(pair, 0)
+    found = find_scene(pair_capture, (), SceneConfig())
+    labels = pair.view().labels
+    left, right, both = (
+        find_target(found, pair_capture, Target(mask=np.isin(labels, wanted)))
+        for wanted in ([2], [3], [2, 3])
+    )
+    assert np.ptp(found.points[left][:, 1]) < 0.066
+    assert np.ptp(found.points[right][:, 1]) < 0.066
+    assert np.ptp(found.points[both][:, 1]) == pytest.approx(0.121, abs=0.006)
+    assert not (left & right).any()
+
+
+def test_a_masks_bleed_on_other_things_falls_off() -> None:
+    mask = LABELS == TUBE
+    v, u = np.nonzero(LABELS == CAN)
+    bleed = mask.copy()
+    bleed[v[:200], u[:200]] = True
+    capture, scene = view()
+    own = find_target(scene, capture, Target(mask=bleed))
+    assert true_label(scene.points[own]) == TUBE
+    assert np.ptp(scene.points[own][:, 1]) < 0.09
+
+
+def test_points_and_numbers_of_an_unorganised_cloud() -> None:
+    scene = LAID
+    points, _ = to_capture(scene, noise=False)[0].valid_points()
+    cloud = Capture.from_cloud(points[::2])
+    found = find_scene(cloud, (), SceneConfig())
+    assert len(found.objects) == 3
+    own = find_target(found, cloud, Target(object=2))
+    again = tuple(found.points[own][5].tolist())
+    np.testing.assert_array_equal(own, find_target(found, cloud, Target(point=again)))
+    with pytest.raises(TargetError, match="no pixels"):
+        find_target(found, cloud, Target(pixel=(3, 4)))
+    with pytest.raises(TargetError, match="no target given"):
+        find_target(found, cloud, None)
+
+
+def test_mask_of_an_unorganised_cloud() -> None:
+    capture = view()[0]
+    points, pixels = capture.valid_points()
+    marked = (LABELS == CAN).reshape(-1)[pixels]
+    assert capture.T_base_camera is not None
+    order = np.random.default_rng(0).permutation(len(points))
+    cloud = Capture.from_cloud(
+        points[order], mask=marked[order], T_base_camera=capture.T_base_camera
+    )
+    found = find_scene(cloud, (), SceneConfig())
+    own = find_target(found, cloud, None)
+    assert true_label(found.points[own]) == CAN
+
+
+EMPTY = np.zeros(LABELS.shape, bool)
+WRONG = {
+    "two at once": lambda: Target(pixel=(1, 2), object=1),
+    "all at once": lambda: Target((1, 2), EMPTY, (0.0, 0.0, 0.0), 1),
+    "right of the image": lambda: Target(pixel=(640, 100)),
+    "above the image": lambda: Target(pixel=(100, -1)),
+    "pixel not a number": lambda: Target(pixel=("a", 2)),  # type: ignore[arg-type]
+    "pixel NaN": lambda: Target(pixel=(float("nan"), 2)),  # type: ignore[arg-type]
+    "pixel infinite": lambda: Target(pixel=(float("inf"), 2)),  # type: ignore[arg-type]
+    "pixel of three": lambda: Target(pixel=(1, 2, 3)),  # type: ignore[arg-type]
+    "pixel a number": lambda: Target(pixel=7),  # type: ignore[arg-type]
+    "table": lambda: Target(pixel=(320, int(np.nonzero(LABELS == 1)[0].max()) - 2)),
+    "floor": lambda: Target(pixel=(2, 2)),
+    "empty mask": lambda: Target(mask=EMPTY),
+    "mask of another size": lambda: Target(mask=np.ones((48, 64), bool)),
+    "flat mask": lambda: Target(mask=np.ones(480 * 640, bool)),
+    "mask of numbers": lambda: Target(mask=EMPTY + 0.5),
+    "mask of text": lambda: Target(mask="mask.png"),
+    "mask on the table": lambda: Target(mask=_table_patch()),
+    "point in the air": lambda: Target(point=(0.85, 0.0, 1.4)),
+    "point on the table": lambda: Target(point=(0.60, 0.30, TABLE_M)),
+    "point NaN": lambda: Target(point=(float("nan"), 0.0, 0.8)),
+    "point of two": lambda: Target(point=(0.8, 0.0)),  # type: ignore[arg-type]
+    "point of text": lambda: Target(point=("a", "b", "c")),  # type: ignore[arg-type]
+    "object 0": lambda: Target(object=0),
+    "object 4": lambda: Target(object=4),
+    "object -1": lambda: Target(object=-1),
+    "object True": lambda: Target(object=True),
+    "object 1.5": lambda: Target(object=1.5),  # type: ignore[arg-type]
+    "object 'one'": lambda: Target(object="one"),  # type: ignore[arg-type]
+}
+
+
+def _table_patch() -> np.ndarray:
+    mask = np.zeros(LABELS.shape, bool)
+    v = int(np.nonzero(LABELS == 1)[0].max())
+    mask[v - 8 : v - 2, 300:340] = True
+    return mask
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_targets_are_refused_in_one_line(case: str) -> None:
+    capture, scene = view()
+    with pytest.raises(TargetError) as caught:
+        find_target(scene, capture, WRONG[case]())
+    assert "\n" not in str(caught.value) and "valid" in str(caught.value)
+
+
+def test_no_target_is_refused() -> None:
+    with pytest.raises(TargetError, match="no target given"):
+        GraspSelector().select(plain())
+
+
+def test_numpy_numbers_are_numbers() -> None:
+    assert chosen(Target(object=np.int64(1))) == chosen(Target(object=1))  # type: ignore[arg-type]
+    u, v = middle_pixel(TUBE)
+    assert chosen(Target(pixel=(np.int32(u), np.int64(v)))) == TUBE  # type: ignore[arg-type]
+    assert chosen(Target(point=np.array(view()[1].points[0]))) in (CUBE, TUBE, CAN)  # type: ignore[arg-type]
