@@ -118,11 +118,10 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
     local = transform(T_box_base, window.points.reshape(-1, 3)).reshape(window.points.shape)
     found = []
     assert scene.T_base_camera is not None
-    turn = scene.T_base_camera[:3, :3].T @ box.T_base_box[:3, :3]
     view = T_box_base[:3, :3] @ (box.T_base_box[:3, 3] - scene.T_base_camera[:3, 3])
     for axis in (0, 1):
         for side in (-1, 1):
-            step = _image_step(turn, view, axis, side)
+            step = _image_step(scene.T_base_camera, side * box.T_base_box[:3, axis])
             with np.errstate(invalid="ignore"):
                 at_edge = local[..., axis] * side > box.dimensions_m[axis] / 2 - _EDGE_BAND_M
             end = ends[step] & at_edge
@@ -167,15 +166,18 @@ def _is_hidden(
     return any(hid >= _LEAST_PX and hid > _HIDDEN_SHARE * of for hid, of in counts)
 
 
-def _image_step(turn: Floats, view: Floats, axis: int, side: int) -> int:
-    """Which of `_STEPS` leads out over an edge: where a move along the box's axis goes in view."""
-    move = side * turn[:, axis]
-    ray = turn @ view
-    du = move[0] * ray[2] - ray[0] * move[2]
-    dv = move[1] * ray[2] - ray[1] * move[2]
-    if abs(du) >= abs(dv):
-        return 0 if du < 0 else 1
-    return 2 if dv < 0 else 3
+def _image_step(T_base_camera: Floats, outward: Floats) -> int:
+    """Which of `_STEPS` leads out over an edge: sideways, or away (up) and back (down) in view.
+
+    outward: (3,) base frame. Compared on the table, not in the image, which shortens depth.
+    """
+    right, down = T_base_camera[:3, 0], T_base_camera[:3, 1]
+    away = np.cross((0.0, 0.0, 1.0), -right)
+    away = away if away @ T_base_camera[:3, 2] >= 0 or away @ down <= 0 else -away
+    sideways, along = float(outward @ right), float(outward @ away)
+    if abs(sideways) >= abs(along):
+        return 0 if sideways < 0 else 1
+    return 2 if along > 0 else 3
 
 
 def _scan_side(

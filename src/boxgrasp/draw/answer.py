@@ -16,13 +16,13 @@ from boxgrasp.draw.marks import (
     draw_evidence,
     draw_gripper,
     draw_options,
-    style_of,
 )
 from boxgrasp.draw.page import Page, save, suffix_checked
-from boxgrasp.draw.palette import BLACK, BLOCKED, FAINT, GRIPPER, INK, RGB, WHITE
-from boxgrasp.draw.shapes import corners, face_point
+from boxgrasp.draw.palette import BLACK, BLOCKED, GRIPPER, RGB, WHITE
+from boxgrasp.draw.scales import draw_grid
+from boxgrasp.draw.shapes import corners
 from boxgrasp.draw.views import View, plan_view
-from boxgrasp.draw.words import facts_of, headline_of
+from boxgrasp.draw.words import facts_of, headline_of, style_of
 from boxgrasp.frames import Floats
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
@@ -83,7 +83,7 @@ class _Answer:
             view = plan_view(kind, focus, size, 0.52 if kind == "above" else 0.34)
             cloud = self.cloud if kind == "above" else self._slab()
             canvas = Canvas(painted(cloud, view, size, self.floor_m))
-            _grid(canvas, view, kind, self.floor_m)
+            draw_grid(canvas, view, kind, self.floor_m)
             page.right(self._panel(canvas, view, name, kind))
         facts = facts_of(self.selection, self.gripper)
         return page.finished(facts, self.selection, self.gripper)
@@ -110,7 +110,9 @@ class _Answer:
         if best is not None:
             colour: RGB = GRIPPER if self.grasp else BLOCKED
             T_pre = self.selection.T_base_pregrasp
-            draw_gripper(canvas, view, best.T_base_gripper, T_pre, self.gripper, colour, not self.grasp)
+            draw_gripper(
+                canvas, view, best.T_base_gripper, T_pre, self.gripper, colour, not self.grasp
+            )
         draw_options(canvas, view, self.selection, best.label if best is not None else None)
         if best is not None:
             draw_evidence(
@@ -131,7 +133,9 @@ class _Answer:
             at = view.point(self.best.T_base_gripper[:3, 3])
             word = "gripper" if self.grasp else "best try, rejected"
             if at is not None:
-                canvas.label(at, word, 17, WHITE, halo=GRIPPER if self.grasp else BLOCKED, away=44, must=True)
+                canvas.label(
+                    at, word, 17, WHITE, halo=GRIPPER if self.grasp else BLOCKED, away=44, must=True
+                )
 
     def _mark_of_status(self) -> tuple[str, str] | None:
         if self.best is None:
@@ -145,52 +149,3 @@ def _best(selection: Selection) -> OptionReport | None:
     if label is None or not 1 <= label <= len(selection.options):
         return None
     return selection.option(label)
-
-
-def _grid(canvas: Canvas, view: View, kind: str, floor_m: float) -> None:
-    """Lines every 10 cm of the base frame with their metres, the support, the axes, a scale."""
-    lines = ("x", "y") if kind == "above" else ("x", "z")
-    scale = view.fx
-    skip = 1 if scale * 0.1 > 44 else 2
-    for name in lines:
-        across = name == ("y" if kind == "above" else "x")  # drawn as upright lines
-        sign = -1.0 if name in "y" or (name in "xz" and not across) else 1.0
-        length = canvas.width if across else canvas.height
-        centre = view.cx if across else view.cy
-        ends = sorted(((0 - centre) / (scale * sign), (length - centre) / (scale * sign)))
-        for step in range(int(np.ceil(ends[0] * 10)), int(np.floor(ends[1] * 10)) + 1):
-            at = centre + sign * scale * step / 10
-            a, b = ((at, 0.0), (at, canvas.height)) if across else ((0.0, at), (canvas.width, at))
-            canvas.line(a, b, FAINT, 1.0, alpha=70)
-            if step % skip == 0 and 40 < at < length - 40:
-                place = (at - 10, canvas.height - 20.0) if across else (5.0, at - 9)
-                canvas.text(place, f"{step / 10:.1f}", 14, FAINT, halo=WHITE)
-    if kind == "side":
-        level = view.cy - scale * floor_m
-        canvas.line((0, level), (canvas.width, level), INK, 2.5)
-        canvas.text((canvas.width - 66, level + 3), "support", 14, INK, halo=WHITE)
-    _axes(canvas, kind)
-    right, lower = canvas.width - 24.0, 30.0
-    canvas.line((right - scale / 10, lower), (right, lower), INK, 3.0, halo=WHITE)
-    for end in (right - scale / 10, right):
-        canvas.line((end, lower - 6), (end, lower + 6), INK, 2.0, halo=WHITE)
-    canvas.text((right - scale / 20 - 20, lower - 24), "10 cm", 14, INK, halo=WHITE)
-
-
-def _axes(canvas: Canvas, kind: str) -> None:
-    if kind == "above":
-        x, y = canvas.width - 40.0, canvas.height - 50.0
-        canvas.arrow((x, y), (x, y - 60), INK, 2.5, halo=WHITE, head=11)
-        canvas.arrow((x, y), (x - 60, y), INK, 2.5, halo=WHITE, head=11)
-        canvas.text((x - 96, y - 84), "x, away from robot", 14, INK, halo=WHITE)
-        canvas.text((x - 78, y - 8), "y", 14, INK, halo=WHITE)
-    else:
-        x, y = canvas.width - 110.0, 100.0
-        canvas.arrow((x, y), (x, y - 46), INK, 2.5, halo=WHITE, head=11)
-        canvas.arrow((x, y), (x + 60, y), INK, 2.5, halo=WHITE, head=11)
-        canvas.text((x - 12, y - 50), "z", 14, INK, halo=WHITE)
-        canvas.text((x + 64, y - 9), "x", 14, INK, halo=WHITE)
-
-
-__all__ = ["draw_selection"]
-_ = face_point

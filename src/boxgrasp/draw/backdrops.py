@@ -138,7 +138,11 @@ def camera_panel(
     if image is not None and K is not None and T_base_camera is not None:
         extent = _extent(image.size, K, T_base_camera, focus, size)
         view = camera_view(T_base_camera, K, extent, size)
-        word = "Camera image" if capture.rgb is not None or capture.colors is not None else "Depth image"
+        word = (
+            "Camera image"
+            if capture.rgb is not None or capture.colors is not None
+            else "Depth image"
+        )
         return view, _cut(image, extent, size), f"{word}{'' if focus is None else ' (cut out)'}"
     around = focus if focus is not None else _bulk(cloud.points)
     if T_base_camera is not None:
@@ -151,7 +155,9 @@ def camera_panel(
 def _bulk(points: Points) -> Floats:
     """(8, 3) corners of the middle 98 % of the points."""
     low, high = np.percentile(points[:: max(1, len(points) // 20_000)], (1, 99), axis=0)
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
 
 
 def _extent(

@@ -163,11 +163,11 @@ class Canvas:
             for side in (-1, 1):
                 end = x + side * reach * 1.15
                 for turn in (-1, 1):
-                    self.line((end, y), (end - side * reach * 0.5, y + turn * reach * 0.5), BLACK, 1.8)
+                    self.line(
+                        (end, y), (end - side * reach * 0.5, y + turn * reach * 0.5), BLACK, 1.8
+                    )
 
-    def text(
-        self, at: XY, text: str, size: int, colour: RGB, *, halo: RGB | None = None
-    ) -> None:
+    def text(self, at: XY, text: str, size: int, colour: RGB, *, halo: RGB | None = None) -> None:
         """Text with its upper left corner at a place, moved inside the panel where it sticks out."""
         width, height = text_size(text, size)
         x = min(max(at[0], 3.0), max(3.0, self.width - width - 4.0))

@@ -29,13 +29,6 @@ _ROUND_TARGET_M = 0.01
 _NEAR_M = 0.02
 
 
-def style_of(option: OptionReport) -> str:
-    """`kept`, `wide` where the target does not fit between the fingers, else `dropped`."""
-    if option.rejected is None:
-        return "kept"
-    return "dropped" if option.fits else "wide"
-
-
 def draw_box(canvas: Canvas, view: View, box: BoxReport) -> None:
     """The target's box in white; edges behind it thin."""
     places = corners(box.T_base_box, box.dimensions_m)
@@ -198,14 +191,26 @@ def draw_evidence(
         line = contact_line(best, selection.box)
         ends = view.segment(*line)
         if ends is not None:
-            _measure(canvas, *ends, f"{100 * best.width_m:.1f} cm wide, opens {100 * gripper.opening_m:.1f}")
+            _measure(
+                canvas,
+                *ends,
+                f"{100 * best.width_m:.1f} cm wide, opens {100 * gripper.opening_m:.1f}",
+            )
     if ask and best.support_m < 0.0:
         low = corners(best.T_base_gripper, 2 * gripper.half_m)
         at = view.point(low[int(np.argmin(low[:, 2]))])
         if at is not None:
             canvas.ring(at, 11, BLOCKED)
             canvas.take(at, 14)
-            canvas.label(at, f"{-100 * best.support_m:.1f} cm into the support", 16, WHITE, halo=BLACK, must=True, away=18)
+            canvas.label(
+                at,
+                f"{-100 * best.support_m:.1f} cm into the support",
+                16,
+                WHITE,
+                halo=BLACK,
+                must=True,
+                away=18,
+            )
     near = nearest_obstacle(cloud.points, selection.box, best, gripper, floor_m, swept=ask)
     if near is None:
         return
@@ -235,7 +240,9 @@ def _measure(canvas: Canvas, a: XY, b: XY, word: str) -> None:
     canvas.line(a, b, OBSTACLE, 3.5, halo=BLACK)
     for x, y in (a, b):
         canvas.line((x - nx, y - ny), (x + nx, y + ny), OBSTACLE, 3.5, halo=BLACK)
-    canvas.label(((a[0] + b[0]) / 2, (a[1] + b[1]) / 2), word, 16, WHITE, halo=BLACK, must=True, away=16)
+    canvas.label(
+        ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2), word, 16, WHITE, halo=BLACK, must=True, away=16
+    )
 
 
 def nearest_obstacle(
@@ -268,4 +275,9 @@ def nearest_obstacle(
     local = np.asarray(transform(invert(T), points.astype(np.float64)))
     outside = np.linalg.norm(local - np.clip(local, low, high), axis=1)
     on_hand = transform(T, np.clip(local[int(index[0])], low, high)[None])[0]
-    return float(distances[0]), obstacle, np.asarray(on_hand), points[outside <= distances[0] + _NEAR_M]
+    return (
+        float(distances[0]),
+        obstacle,
+        np.asarray(on_hand),
+        points[outside <= distances[0] + _NEAR_M],
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from boxgrasp.clearance import GREEN_FROM_M, RED_BELOW_M, category
-from boxgrasp.draw.canvas import XY, Canvas, fit, font, text_size, wrap
+from boxgrasp.draw.canvas import XY, Canvas, fit, text_size, wrap
 from boxgrasp.draw.palette import (
     BLOCKED,
     CARD,
@@ -23,7 +23,7 @@ from boxgrasp.draw.palette import (
     SHAPE,
     WHITE,
 )
-from boxgrasp.draw.words import face_name, facts_of, headline_of
+from boxgrasp.draw.words import face_name, style_of
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
@@ -51,7 +51,9 @@ def suffix_checked(path: str | os.PathLike[str] | None) -> Path | None:
         valid = ", ".join(SUFFIXES)
         raise BoxgraspError(f"picture {place} has suffix {place.suffix!r}; valid: {valid}")
     if not place.parent.is_dir():
-        raise BoxgraspError(f"picture {place}: no folder {place.parent}; valid: a folder that exists")
+        raise BoxgraspError(
+            f"picture {place}: no folder {place.parent}; valid: a folder that exists"
+        )
     return place
 
 
@@ -66,7 +68,9 @@ def save(image: Image, path: Path | None) -> None:
     from io import BytesIO
 
     held = BytesIO()
-    options: dict[str, Any] = {".png": {"compress_level": 6}}.get(path.suffix.lower(), {"quality": 92})
+    options: dict[str, Any] = {".png": {"compress_level": 3}}.get(
+        path.suffix.lower(), {"quality": 92}
+    )
     try:
         image.save(held, SUFFIXES[path.suffix.lower()], **options)
         path.write_bytes(held.getvalue())
@@ -91,19 +95,21 @@ class Page:
         """Add a panel to the right column."""
         self._right.append(panel)
 
-    def finished(self, facts: list[tuple[str, str]], selection: Selection, gripper: Gripper) -> Image:
+    def finished(
+        self, facts: list[tuple[str, str]], selection: Selection, gripper: Gripper
+    ) -> Image:
         """The whole picture."""
         from PIL import Image as Images
 
         column = self._left[0].width
-        table = _table(selection, 456)
+        table = _table(selection, 500)
         words = _facts(facts, column - table.width - MARGIN)
         legend = _legend(self._right[0].width, selection)
         left = [*self._left, (words, table)]
         right = [*self._right, legend]
         heights = [_height(left), _height(right)]
         image = Images.new("RGB", (WIDTH, HEADER + MARGIN + max(heights)), PAPER)
-        image.paste(_banner(self._headline, self._mark), (0, 0))
+        image.paste(banner(self._headline, self._mark), (0, 0))
         _stack(image, left, MARGIN)
         _stack(image, right, 2 * MARGIN + column)
         return image
@@ -130,14 +136,16 @@ def _stack(image: Image, rows: list[Row], x: int) -> None:
         y += max(part.height for part in _parts(row)) + MARGIN
 
 
-def _blank(width: int, height: int, colour: RGB = CARD) -> Canvas:
+def blank(width: int, height: int, colour: RGB = CARD) -> Canvas:
+    """An empty card."""
     from PIL import Image as Images
 
     return Canvas(Images.new("RGB", (width, height), colour))
 
 
-def _banner(headline: tuple[str, str], mark: tuple[str, str] | None) -> Image:
-    canvas = _blank(WIDTH, HEADER, NIGHT)
+def banner(headline: tuple[str, str], mark: tuple[str, str] | None) -> Image:
+    """The headline: a mark, the status, one sentence."""
+    canvas = blank(WIDTH, HEADER, NIGHT)
     x = 20.0
     if mark is not None:
         kind, style = mark
@@ -158,8 +166,12 @@ def _banner(headline: tuple[str, str], mark: tuple[str, str] | None) -> Image:
 
 def _facts(facts: list[tuple[str, str]], width: int) -> Image:
     size, indent = 16, 96
-    rows = [(name, line if k == 0 else line, k) for name, value in facts for k, line in enumerate(wrap(value, size, width - indent - 16, 4))]
-    canvas = _blank(width, 18 + 23 * len(rows))
+    rows = [
+        (name, line, k)
+        for name, value in facts
+        for k, line in enumerate(wrap(value, size, width - indent - 16, 4))
+    ]
+    canvas = blank(width, 18 + 23 * len(rows))
     for n, (name, line, k) in enumerate(rows):
         y = 9 + 23 * n
         if k == 0 and name:
@@ -174,9 +186,9 @@ def _table(selection: Selection, width: int) -> Image:
     lines = max((option.line for option in selection.options), default=0)
     if not selection.options or lines > _MOST_COLUMNS:
         return _summary(selection, width)
-    head, high, first = 30, 50, 108
+    head, high, first = 30, 64, 108
     cell = (width - first) / lines
-    canvas = _blank(width, head + 5 * high + 4)
+    canvas = blank(width, head + 5 * high + 4)
     canvas.text((10, 7), "Option", 14, FAINT)
     for line in range(1, lines + 1):
         canvas.text((first + (line - 1) * cell + 6, 7), f"line {line}", 14, FAINT)
@@ -184,41 +196,57 @@ def _table(selection: Selection, width: int) -> Image:
         y = head + (face - 1) * high
         canvas.line((6, y), (width - 6, y), RULE, 1.0)
         name = face_name(face).split("-")
-        canvas.text((10, y + (6 if len(name) > 1 else 14)), name[0], 16, INK)
+        canvas.text((10, y + (12 if len(name) > 1 else 20)), name[0], 16, INK)
         if len(name) > 1:
-            canvas.text((10, y + 25), name[1], 14, INK)
+            canvas.text((10, y + 31), name[1], 14, INK)
     chosen = selection.label if selection.label is not None else selection.best_rejected
     for option in selection.options:
         if not 1 <= option.face <= 5:
             continue
         x, y = first + (option.line - 1) * cell, head + (option.face - 1) * high
-        _cell(canvas, option, (x, y), cell, high, option.label == chosen, selection.status == "grasp")
+        _cell(
+            canvas, option, (x, y), cell, high, option.label == chosen, selection.status == "grasp"
+        )
     return canvas.finish()
 
 
 def _cell(
-    canvas: Canvas, option: OptionReport, at: XY, cell: float, high: float, chosen: bool, grasp: bool
+    canvas: Canvas,
+    option: OptionReport,
+    at: XY,
+    cell: float,
+    high: float,
+    chosen: bool,
+    grasp: bool,
 ) -> None:
     x, y = at
     if chosen:
         edge = GRIPPER if grasp else BLOCKED
         dash = None if grasp else (6.0, 4.0)
-        box = ((x + 1, y + 3), (x + cell - 3, y + 3), (x + cell - 3, y + high - 3), (x + 1, y + high - 3))
+        box = (
+            (x + 1, y + 3),
+            (x + cell - 3, y + 3),
+            (x + cell - 3, y + high - 3),
+            (x + 1, y + high - 3),
+        )
         for a, b in zip(box, (*box[1:], box[0]), strict=True):
             canvas.line(a, b, edge, 2.5, dash=dash)
     kind = category(option.seen_m)
-    style = "kept" if option.rejected is None else "dropped" if option.fits else "wide"
+    style = style_of(option)
     canvas.mark((x + 16, y + 16), SHAPE[kind], CATEGORY[kind], 7.5, style)
     canvas.text((x + 28, y + 7), f"{option.label}:", 14, FAINT)
     after = x + 32 + text_size(f"{option.label}:", 14)[0]
-    canvas.text((after, y + 6), fit(f"{100 * option.seen_m:.1f} cm", 15, x + cell - after - 4), 15, INK)
+    canvas.text(
+        (after, y + 6), fit(f"{100 * option.seen_m:.1f} cm", 15, x + cell - after - 4), 15, INK
+    )
     note = option.rejected if option.rejected is not None else "passes"
-    canvas.text((x + 8, y + 28), fit(note, 13, cell - 14), 13, FAINT if option.rejected else INK)
+    for k, line in enumerate(wrap(note, 13, cell - 16, 2)):
+        canvas.text((x + 8, y + 28 + 15 * k), line, 13, FAINT if option.rejected else INK)
 
 
 def _summary(selection: Selection, width: int) -> Image:
     """Counts a face, where there are too many lines for a table."""
-    canvas = _blank(width, 40 + 5 * 28)
+    canvas = blank(width, 40 + 5 * 28)
     canvas.text((10, 8), "Options, by face", 14, FAINT)
     for face in range(1, 6):
         own = [option for option in selection.options if option.face == face]
@@ -232,13 +260,13 @@ def _summary(selection: Selection, width: int) -> Image:
 def _legend(width: int, selection: Selection) -> Image:
     """What the marks and the lines mean."""
     near, far = 100 * RED_BELOW_M, 100 * GREEN_FROM_M
-    canvas = _blank(width, 152)
+    canvas = blank(width, 152)
     marks = (
         ("green", "kept", f"safe: {far:.0f} cm and more free"),
         ("yellow", "kept", f"feasible: {near:.0f} to {far:.0f} cm free"),
         ("red", "kept", f"too close: under {near:.0f} cm"),
         ("green", "dropped", "crossed: rejected by the check"),
-        ("red", "wide", "arrow: does not fit the fingers"),
+        ("red", "wide", "arrow: width does not fit, or is unknown"),
     )
     for k, (kind, style, word) in enumerate(marks):
         y = 20.0 + 28 * k
@@ -246,8 +274,11 @@ def _legend(width: int, selection: Selection) -> Image:
         canvas.text((38, y - 10), word, 16, INK)
     x = width / 2 + 10
     grasp = selection.status == "grasp"
-    hand = (GRIPPER, None, "gripper chosen; faint: 15 cm before") if grasp else (
-        BLOCKED, (8.0, 5.0), "best try, rejected")
+    hand = (
+        (GRIPPER, None, "gripper chosen; faint: 15 cm before")
+        if grasp
+        else (BLOCKED, (8.0, 5.0), "best try, rejected")
+    )
     lines: tuple[tuple[RGB, Any, str], ...] = (
         hand,
         (WHITE, None, "box round the target"),
@@ -255,11 +286,10 @@ def _legend(width: int, selection: Selection) -> Image:
     )
     for k, (colour, dash, word) in enumerate(lines):
         y = 20.0 + 28 * k
-        canvas.line((x, y), (x + 34, y), colour, 4.0, halo=INK if colour == WHITE else None, dash=dash)
+        canvas.line(
+            (x, y), (x + 34, y), colour, 4.0, halo=INK if colour == WHITE else None, dash=dash
+        )
         canvas.text((x + 44, y - 10), word, 16, INK)
     canvas.text((x, 20.0 + 28 * 3 - 10), "lines on the box: where the fingers close", 16, INK)
     canvas.text((x, 20.0 + 28 * 4 - 10), "numbers: labels of the options", 16, INK)
     return canvas.finish()
-
-
-__all__ = ["Page", "facts_of", "fit", "font", "headline_of", "save", "suffix_checked"]

@@ -11,12 +11,23 @@ from boxgrasp.gripper import Gripper
 from boxgrasp.selection import BoxReport, OptionReport
 
 _SIGNS: Final = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-EDGES: Final = ((0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7))
+EDGES: Final = (
+    (0, 1),
+    (0, 2),
+    (0, 4),
+    (1, 3),
+    (1, 5),
+    (2, 3),
+    (2, 6),
+    (3, 7),
+    (4, 5),
+    (4, 6),
+    (5, 7),
+    (6, 7),
+)
 # For each edge the two faces that meet there, as (axis, sign) in box coordinates.
 EDGE_FACES: Final = tuple(
-    tuple(
-        (axis, float(_SIGNS[a, axis])) for axis in range(3) if _SIGNS[a, axis] == _SIGNS[b, axis]
-    )
+    tuple((axis, float(_SIGNS[a, axis])) for axis in range(3) if _SIGNS[a, axis] == _SIGNS[b, axis])
     for a, b in EDGES
 )
 
@@ -58,7 +69,9 @@ def face_point(option: OptionReport, box: BoxReport) -> Floats:
     position, approach = option.T_base_gripper[:3, 3], option.T_base_gripper[:3, 0]
     along = box.T_base_box[:3, :3].T @ approach
     reach = np.abs(along) @ box.dimensions_m / 2
-    return np.asarray(position + approach * (-reach - (position - box.T_base_box[:3, 3]) @ approach))
+    return np.asarray(
+        position + approach * (-reach - (position - box.T_base_box[:3, 3]) @ approach)
+    )
 
 
 def contact_line(option: OptionReport, box: BoxReport) -> Floats:
@@ -68,7 +81,9 @@ def contact_line(option: OptionReport, box: BoxReport) -> Floats:
     return np.array((middle - half, middle + half))
 
 
-def inside(points: Floats, box: BoxReport, margin_m: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def inside(
+    points: Floats, box: BoxReport, margin_m: float
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """(N,) True for base points within the box and a margin round it."""
     R = box.T_base_box[:3, :3].astype(points.dtype)
     local = (points - box.T_base_box[:3, 3].astype(points.dtype)) @ R

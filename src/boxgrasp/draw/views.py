@@ -68,7 +68,9 @@ class View:
         return flat
 
 
-def camera_view(T_base_camera: Floats, K: Floats, extent: tuple[float, float, float], size: tuple[int, int]) -> View:
+def camera_view(
+    T_base_camera: Floats, K: Floats, extent: tuple[float, float, float], size: tuple[int, int]
+) -> View:
     """The camera's image, cut out at `extent` (left, upper, pixels a panel pixel), upright.
 
     left and upper are on pixel edges: pixel (0, 0) covers 0 to 1.

@@ -19,6 +19,13 @@ def face_name(face: int) -> str:
     return FACES[face - 1] if 1 <= face <= len(FACES) else f"face {face}"
 
 
+def style_of(option: OptionReport) -> str:
+    """`kept`; `wide` where the target's width does not fit or is unknown; else `dropped`."""
+    if option.rejected is None:
+        return "kept"
+    return "dropped" if option.fits else "wide"
+
+
 def headline_of(selection: Selection) -> tuple[str, str]:
     """The status in capitals and one sentence."""
     if selection.status == "grasp" and selection.label is not None:
@@ -35,13 +42,20 @@ def facts_of(selection: Selection, gripper: Gripper) -> list[tuple[str, str]]:
         rows += _grasp(selection, selection.option(selection.label), gripper)
     elif selection.best_rejected is not None:
         rows += _rejected(selection, selection.option(selection.best_rejected), gripper)
-    if selection.blocking:
+    best = selection.best_rejected
+    if selection.blocking and (
+        best is None or selection.option(best).rejected != selection.blocking
+    ):
         rows.append(("In the way", selection.blocking))
     if selection.reason and selection.status == "grasp":
         rows.append(("Reason", selection.reason))
     sides = " x ".join(f"{100 * value:.1f}" for value in selection.box.dimensions_m)
     rows.append(("Target", f"{sides} cm (x, y, z of its box)"))
-    given = "robot base, as given" if selection.frame == "given" else "support plane (no transform given)"
+    given = (
+        "robot base, as given"
+        if selection.frame == "given"
+        else "support plane (no transform given)"
+    )
     rows.append(("Frame", given))
     rows.append(("Chooser", selection.chooser))
     rows += [("Warning", warning) for warning in selection.warnings]
@@ -70,7 +84,10 @@ def _rejected(
 def _numbers(option: OptionReport, gripper: Gripper) -> list[tuple[str, str]]:
     return [
         ("Clearance", f"{centimetres(option.seen_m)} to seen obstacles"),
-        ("", f"{centimetres(option.unseen_m)} to unseen space, {centimetres(option.approach_m)} on the way in"),
+        (
+            "",
+            f"{centimetres(option.unseen_m)} to unseen space, {centimetres(option.approach_m)} on the way in",
+        ),
         ("", f"{centimetres(option.support_m)} over the support"),
         (
             "Width",
