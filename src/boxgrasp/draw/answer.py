@@ -11,12 +11,8 @@ from boxgrasp.capture import Capture
 from boxgrasp.clearance import category
 from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import Canvas
-from boxgrasp.draw.marks import (
-    draw_box,
-    draw_evidence,
-    draw_gripper,
-    draw_options,
-)
+from boxgrasp.draw.evidence import Mark, draw_evidence, evidence_of
+from boxgrasp.draw.marks import draw_box, draw_gripper, draw_options
 from boxgrasp.draw.page import Page, save, suffix_checked
 from boxgrasp.draw.palette import BLACK, BLOCKED, GRIPPER, RGB, WHITE
 from boxgrasp.draw.scales import draw_grid
@@ -68,6 +64,9 @@ class _Answer:
         self.cloud = base_cloud(capture, self.T_base_camera)
         self.best = _best(selection)
         self.grasp = selection.status == "grasp"
+        self.marks: list[Mark] = []
+        if self.best is not None:
+            self.marks = evidence_of(self.cloud.points, selection, self.best, gripper, self.floor_m)
 
     def drawn(self) -> Image:
         focus = self._focus()
@@ -113,11 +112,9 @@ class _Answer:
             draw_gripper(
                 canvas, view, best.T_base_gripper, T_pre, self.gripper, colour, not self.grasp
             )
-        draw_options(canvas, view, self.selection, best.label if best is not None else None)
+        draw_options(canvas, view, self.selection, None if best is None else best.label, kind)
         if best is not None:
-            draw_evidence(
-                canvas, view, self.cloud, self.selection, best, self.gripper, self.floor_m
-            )
+            draw_evidence(canvas, view, self.marks, self.selection, best, self.gripper)
         if kind == "camera":
             self._name_things(canvas, view)
         canvas.text((8, 6), caption, 19, WHITE, halo=BLACK)

@@ -20,6 +20,7 @@ Colours = NDArray[np.uint8]
 
 _MOST_POINTS = 400_000
 _FIT_WITHIN_PX = 1.0
+_BEYOND = 0.2  # of the image: room beside it for a gripper that stands out of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ def shades(cloud: Cloud, floor_m: float) -> Colours:
         tint = tint * 0.8 + 50.0
     low = height < 0.012  # the support and what lies under it stay behind
     tint[low] = 0.45 * tint[low] + 0.55 * np.array(PAPER, np.float32)
-    return np.clip(tint, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(tint, 0, 255), np.uint8)
 
 
 def painted(
@@ -85,19 +86,20 @@ def painted(
     cell = row[seen].astype(np.int64) * width + column[seen].astype(np.int64)
     far_first = np.argsort(-depth[seen], kind="stable")
     cell = cell[far_first]
-    nearest = np.full(height * width, np.inf)
+    nearest = np.full(height * width, np.inf, np.float32)
     colour = np.zeros((height * width, 3), np.uint8)
     nearest[cell] = depth[seen][far_first]  # the last of equal cells stays: the nearest
     colour[cell] = shades(cloud.part(seen), floor_m)[far_first]
-    nearest, colour = nearest.reshape(height, width), colour.reshape(height, width, 3)
-    for _ in range(_growth(cell, width, height)):
-        nearest, colour = _grown(nearest, colour)
-    hit = np.isfinite(nearest)
-    canvas[hit] = colour[hit]
+    near: Points = nearest.reshape(height, width)
+    tint: Colours = colour.reshape(height, width, 3)
+    for _ in range(_growth(cell, width)):
+        near, tint = _grown(near, tint)
+    hit = np.isfinite(near)
+    canvas[hit] = tint[hit]
     return Images.fromarray(canvas)
 
 
-def _growth(cell: NDArray[np.int64], width: int, height: int) -> int:
+def _growth(cell: NDArray[np.int64], width: int) -> int:
     """How many times to grow the points by a pixel, from their spacing where they are."""
     block = (cell // width // 8) * (width // 8 + 1) + (cell % width) // 8
     blocks, counts = np.unique(block, return_counts=True)
@@ -105,7 +107,7 @@ def _growth(cell: NDArray[np.int64], width: int, height: int) -> int:
     return int(np.clip(np.ceil(spacing / 2), 1, 5))
 
 
-def _grown(nearest: Floats, colour: Colours) -> tuple[Floats, Colours]:
+def _grown(nearest: Points, colour: Colours) -> tuple[Points, Colours]:
     grown, tint = nearest.copy(), colour.copy()
     for here, there in (
         (np.s_[1:, :], np.s_[:-1, :]),
@@ -174,19 +176,23 @@ def _extent(
     if focus is not None:
         view = camera_view(T_base_camera, K, (0.0, 0.0, 1.0), image_size)
         xy, _ = view.project(focus)
-        xy = np.clip(xy[~np.isnan(xy).any(axis=1)], (0, 0), (wide, high))
+        beyond = np.array((wide, high)) * _BEYOND
+        xy = np.clip(xy[~np.isnan(xy).any(axis=1)], -beyond, (wide, high) + beyond)
         if len(xy):
             low, top = xy.min(axis=0), xy.max(axis=0)
             need = max((top[0] - low[0]) / size[0], (top[1] - low[1]) / size[1]) * 1.3
             step = float(np.clip(need, 0.5 * whole, whole))
             middle = (float(low[0] + top[0]) / 2, float(low[1] + top[1]) / 2)
     left, upper = middle[0] - step * size[0] / 2, middle[1] - step * size[1] / 2
+    if focus is None:
+        return left, upper, step
     return _held(left, step * size[0], wide), _held(upper, step * size[1], high), step
 
 
 def _held(start: float, span: float, limit: float) -> float:
-    """The start of a window kept within the image, or centred on it where it is larger."""
-    return (limit - span) / 2 if span >= limit else min(max(start, 0.0), limit - span)
+    """The start of a window that leaves the image by no more than a share of it."""
+    low, high = -_BEYOND * limit, (1 + _BEYOND) * limit - span
+    return (low + high) / 2 if high < low else min(max(start, low), high)
 
 
 def _cut(image: Image, extent: tuple[float, float, float], size: tuple[int, int]) -> Image:
@@ -195,7 +201,7 @@ def _cut(image: Image, extent: tuple[float, float, float], size: tuple[int, int]
     left, upper, step = extent
     edges = (left, upper, left + step * size[0], upper + step * size[1])
     return image.transform(
-        size, Images.Transform.EXTENT, edges, Images.Resampling.BICUBIC, fillcolor=NIGHT
+        size, Images.Transform.EXTENT, edges, Images.Resampling.BILINEAR, fillcolor=NIGHT
     )
 
 

@@ -146,7 +146,7 @@ class Canvas:
             self.polygon((tip, left, right), fill, 255)
 
     def mark(self, at: XY, shape: str, colour: RGB, radius: float, style: str = "kept") -> None:
-        """A marker. style: `kept` filled, `dropped` hollow and crossed, `wide` hollow, <-> inside."""
+        """A marker. style: `kept` filled, `dropped` hollow, crossed, `wide` hollow with <->."""
         outline = self._outline(at, shape, radius)
         hollow = style != "kept"
         self._draw.polygon(self._outline(at, shape, radius + 2.0), fill=(*BLACK, 255))
@@ -168,7 +168,8 @@ class Canvas:
                     )
 
     def text(self, at: XY, text: str, size: int, colour: RGB, *, halo: RGB | None = None) -> None:
-        """Text with its upper left corner at a place, moved inside the panel where it sticks out."""
+        """Text with its upper left corner at a place; moved and cut to stay inside the panel."""
+        text = fit(text, size, self.width - 8.0)
         width, height = text_size(text, size)
         x = min(max(at[0], 3.0), max(3.0, self.width - width - 4.0))
         y = min(max(at[1], 3.0), max(3.0, self.height - height - 3.0))
@@ -186,7 +187,8 @@ class Canvas:
         away: float = 12.0,
         must: bool = False,
     ) -> bool:
-        """Text beside a point where nothing else is; left out where there is no room, unless it must."""
+        """Text beside a point where nothing else is; left out without room, unless it must."""
+        text = fit(text, size, self.width - 8.0)
         width, height = text_size(text, size)
         rings = (away, away + 12, away + 26, away + 44, away + 70) if must else (away, away + 7)
         places = []

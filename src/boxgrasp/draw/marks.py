@@ -1,13 +1,14 @@
-"""What is drawn over a backdrop: the target's box, the options, a hand, what stands in its way."""
+"""What is drawn over a backdrop: the target's box, the options, a hand."""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from boxgrasp.clearance import CAP_M, category, to_points, uprights
-from boxgrasp.draw.backdrops import Cloud
+from boxgrasp.clearance import category
 from boxgrasp.draw.canvas import XY, Canvas, hull
-from boxgrasp.draw.palette import BLACK, BLOCKED, CATEGORY, OBSTACLE, RGB, SHAPE, WHITE
+from boxgrasp.draw.palette import BLACK, CATEGORY, RGB, SHAPE, WHITE
 from boxgrasp.draw.shapes import (
     EDGE_FACES,
     EDGES,
@@ -15,18 +16,17 @@ from boxgrasp.draw.shapes import (
     corners,
     face_point,
     fingers,
-    inside,
     skeleton,
 )
 from boxgrasp.draw.views import View
-from boxgrasp.frames import Floats, Points, invert, transform
+from boxgrasp.draw.words import style_of
+from boxgrasp.frames import Floats
 from boxgrasp.gripper import Gripper
+from boxgrasp.options import TOP_PERPENDICULAR
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 
-_APPROACH_M = 0.15
-_OVER_PLANE_M = 0.012
-_ROUND_TARGET_M = 0.01
-_NEAR_M = 0.02
+_APPROACH_M: Final = 0.15
+_CROWD: Final = 30
 
 
 def draw_box(canvas: Canvas, view: View, box: BoxReport) -> None:
@@ -92,37 +92,59 @@ def _edges(
             canvas.line(*ends, colour, width, halo=halo, dash=dash, alpha=alpha)
 
 
-def draw_options(canvas: Canvas, view: View, selection: Selection, chosen: int | None) -> None:
-    """Each option's line on its face and a mark beside it, pushed apart where they would meet."""
+def draw_options(
+    canvas: Canvas, view: View, selection: Selection, chosen: int | None, kind: str
+) -> None:
+    """Each option's line on its face and a mark beside it, pushed apart where they would meet.
+
+    kind: `camera`, `above` or `side`; from the side only the marks that say something there.
+    """
     options, box = selection.options, selection.box
-    crowded = len(options) > 30
-    radius = 5.0 if crowded else 8.5
-    order = sorted(options, key=lambda option: (option.label != chosen, option.label))
     for option in options:
         _contact(canvas, view, option, box)
-    placed: list[XY] = []
+    radius = _radius(view, box, len(options))
+    order = sorted(options, key=lambda option: (option.label != chosen, option.label))
+    placed: list[tuple[OptionReport, XY]] = []
     for option in order:
-        spot = _spot(canvas, view, option, box)
-        if spot is None:
+        if kind == "side" and option.label != chosen and _behind(view, option):
             continue
-        foot, direction = spot
         size = radius * (1.35 if option.label == chosen else 1.0)
-        at = _free(foot, direction, size, placed, canvas)
+        foot, direction = _spot(view, option, box)
+        if foot is None:
+            continue
+        at = _free(foot, direction, size, [place for _, place in placed], canvas)
         if at is None:
             continue
-        placed.append(at)
+        placed.append((option, at))
         if np.hypot(at[0] - foot[0], at[1] - foot[1]) > size:
             canvas.line(foot, at, BLACK, 1.2, alpha=170)
-        kind = category(option.seen_m)
+    for option, at in placed:
+        size = radius * (1.35 if option.label == chosen else 1.0)
         if option.label == chosen:
             canvas.ring(at, size + 4.5, WHITE, 2.5)
-        canvas.mark(at, SHAPE[kind], CATEGORY[kind], size, style_of(option))
+        name = category(option.seen_m)
+        canvas.mark(at, SHAPE[name], CATEGORY[name], size, style_of(option))
         canvas.take(at, size + 3)
-    if crowded:
+    if len(options) > _CROWD:
         return
-    drawn = [option for option in order]
-    for option, at in zip(drawn, placed, strict=False):
-        canvas.label(at, str(option.label), 14, WHITE, halo=BLACK, away=radius + 3)
+    for option, at in placed:
+        canvas.label(at, str(option.label), 13, WHITE, halo=BLACK, away=radius + 3)
+
+
+def _radius(view: View, box: BoxReport, count: int) -> float:
+    """Marks small enough for the box and their number."""
+    if count > _CROWD:
+        return 5.0
+    xy, _ = view.project(corners(box.T_base_box, box.dimensions_m))
+    extent = float(np.nanmax(np.ptp(xy, axis=0))) if not np.isnan(xy).any() else 200.0
+    return float(np.clip(0.055 * extent, 6.5, 9.0))
+
+
+def _behind(view: View, option: OptionReport) -> bool:
+    """Whether a plan shows an option from behind, or end on."""
+    if option.face == TOP_PERPENDICULAR:
+        return True
+    return view.faces(option.T_base_gripper[:3, 3], -option.T_base_gripper[:3, 0]) < -0.5
 
 
 def _contact(canvas: Canvas, view: View, option: OptionReport, box: BoxReport) -> None:
@@ -136,24 +158,21 @@ def _contact(canvas: Canvas, view: View, option: OptionReport, box: BoxReport) -
 
 
 def _spot(
-    canvas: Canvas, view: View, option: OptionReport, box: BoxReport
-) -> tuple[XY, tuple[float, float]] | None:
+    view: View, option: OptionReport, box: BoxReport
+) -> tuple[XY | None, tuple[float, float]]:
     """Where an option's mark belongs, in pixels, and the way to push it when that is taken."""
     approach, opening = option.T_base_gripper[:3, 0], option.T_base_gripper[:3, 1]
-    middle = face_point(option, box)
+    foot = face_point(option, box)
     outward = -approach
-    foot = middle
     if abs(approach[2]) > 0.7:  # both top faces share their middle: step aside along the line
         outward = -opening
-        foot = middle + outward * option.width_m / 2
+        foot = foot + outward * option.width_m / 2
     a, b = view.point(foot), view.point(foot + outward * 0.02)
     if a is None or b is None:
-        return None
+        return None, (0.0, -1.0)
     dx, dy = b[0] - a[0], b[1] - a[1]
     length = float(np.hypot(dx, dy))
-    if length < 3.0:
-        return a, (0.0, -1.0)
-    return a, (dx / length, dy / length)
+    return a, (0.0, -1.0) if length < 3.0 else (dx / length, dy / length)
 
 
 def _free(
@@ -174,110 +193,3 @@ def _free(
             if within and all(np.hypot(at[0] - x, at[1] - y) >= apart for x, y in placed):
                 return at
     return None
-
-
-def draw_evidence(
-    canvas: Canvas,
-    view: View,
-    cloud: Cloud,
-    selection: Selection,
-    best: OptionReport,
-    gripper: Gripper,
-    floor_m: float,
-) -> None:
-    """What decides: the obstacle nearest to the hand, a width too wide, the table in the way."""
-    ask = selection.status != "grasp"
-    if ask and not best.fits:
-        line = contact_line(best, selection.box)
-        ends = view.segment(*line)
-        if ends is not None:
-            _measure(
-                canvas,
-                *ends,
-                f"{100 * best.width_m:.1f} cm wide, opens {100 * gripper.opening_m:.1f}",
-            )
-    if ask and best.support_m < 0.0:
-        low = corners(best.T_base_gripper, 2 * gripper.half_m)
-        at = view.point(low[int(np.argmin(low[:, 2]))])
-        if at is not None:
-            canvas.ring(at, 11, BLOCKED)
-            canvas.take(at, 14)
-            canvas.label(
-                at,
-                f"{-100 * best.support_m:.1f} cm into the support",
-                16,
-                WHITE,
-                halo=BLACK,
-                must=True,
-                away=18,
-            )
-    near = nearest_obstacle(cloud.points, selection.box, best, gripper, floor_m, swept=ask)
-    if near is None:
-        return
-    distance_m, obstacle, on_hand, around = near
-    stated_m = min(best.seen_m, best.approach_m) if ask else best.seen_m
-    if distance_m >= CAP_M or abs(distance_m - stated_m) > 0.01:
-        return
-    if ask:
-        for at in view.project(around[:: max(1, len(around) // 400)])[0]:
-            if not np.isnan(at).any():
-                canvas.dot((float(at[0]), float(at[1])), 1.8, OBSTACLE, 150)
-    ends = view.segment(on_hand, obstacle)
-    if ends is None:
-        return
-    canvas.line(*ends, OBSTACLE, 2.5, halo=BLACK)
-    canvas.ring(ends[1], 11 if ask else 7, OBSTACLE)
-    canvas.take(ends[1], 14)
-    word = f"obstacle {100 * stated_m:.1f} cm" if stated_m > 0 else "obstacle in the way"
-    canvas.label(ends[1], word, 16, WHITE, halo=BLACK, must=True, away=18)
-
-
-def _measure(canvas: Canvas, a: XY, b: XY, word: str) -> None:
-    """A dimension line with ticks and its word."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    length = max(float(np.hypot(dx, dy)), 1.0)
-    nx, ny = -dy / length * 10, dx / length * 10
-    canvas.line(a, b, OBSTACLE, 3.5, halo=BLACK)
-    for x, y in (a, b):
-        canvas.line((x - nx, y - ny), (x + nx, y + ny), OBSTACLE, 3.5, halo=BLACK)
-    canvas.label(
-        ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2), word, 16, WHITE, halo=BLACK, must=True, away=16
-    )
-
-
-def nearest_obstacle(
-    points: Points,
-    box: BoxReport,
-    option: OptionReport,
-    gripper: Gripper,
-    floor_m: float,
-    *,
-    swept: bool,
-) -> tuple[float, Floats, Floats, Points] | None:
-    """Distance (m), obstacle point, nearest point on the hand, and all obstacle points near it.
-
-    Obstacles are the points over the support that are not in the target's box; swept: on the
-    hand's way in, too.
-    """
-    close = np.abs(points - option.T_base_gripper[:3, 3].astype(np.float32)).max(axis=1) < 0.75
-    points = points[close]
-    points = points[points[:, 2] > floor_m + _OVER_PLANE_M]
-    points = np.ascontiguousarray(points[~inside(points, box, _ROUND_TARGET_M)])
-    if len(points) == 0:
-        return None
-    T, back = option.T_base_gripper, _APPROACH_M if swept else 0.0
-    distances, index = to_points(uprights(T[None], gripper.half_m, back), points)
-    if index[0] < 0:
-        return None
-    obstacle = points[int(index[0])].astype(np.float64)
-    low, high = -gripper.half_m.copy(), gripper.half_m.copy()
-    low[0] -= back
-    local = np.asarray(transform(invert(T), points.astype(np.float64)))
-    outside = np.linalg.norm(local - np.clip(local, low, high), axis=1)
-    on_hand = transform(T, np.clip(local[int(index[0])], low, high)[None])[0]
-    return (
-        float(distances[0]),
-        obstacle,
-        np.asarray(on_hand),
-        points[outside <= distances[0] + _NEAR_M],
-    )

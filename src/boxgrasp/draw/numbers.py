@@ -19,7 +19,7 @@ from boxgrasp.draw.shapes import EDGES, corners
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.frames import Floats, check_transform, invert, make_transform
-from boxgrasp.scene import SceneObject
+from boxgrasp.scene import SceneConfig, SceneObject
 from boxgrasp.support import find_support_plane, support_frame
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ def _support_pose(capture: Capture) -> Floats | None:
     if capture.cloud_frame != "optical":
         return None
     try:
-        plane = find_support_plane(capture.valid_points()[0], None)
+        plane = find_support_plane(
+            capture.valid_points()[0], None, np.zeros(3), SceneConfig().far_m
+        )
     except BoxgraspError:
         return None
     return invert(support_frame(plane, True))

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.frames import Floats, transform
+from boxgrasp.frames import Floats, Points, transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import BoxReport, OptionReport
 
@@ -82,7 +82,7 @@ def contact_line(option: OptionReport, box: BoxReport) -> Floats:
 
 
 def inside(
-    points: Floats, box: BoxReport, margin_m: float
+    points: Points, box: BoxReport, margin_m: float
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """(N,) True for base points within the box and a margin round it."""
     R = box.T_base_box[:3, :3].astype(points.dtype)

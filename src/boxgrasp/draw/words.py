@@ -82,15 +82,11 @@ def _rejected(
 
 
 def _numbers(option: OptionReport, gripper: Gripper) -> list[tuple[str, str]]:
+    opens = f"{100 * gripper.opening_m:.1f} cm"
     return [
         ("Clearance", f"{centimetres(option.seen_m)} to seen obstacles"),
-        (
-            "",
-            f"{centimetres(option.unseen_m)} to unseen space, {centimetres(option.approach_m)} on the way in",
-        ),
+        ("", f"{centimetres(option.unseen_m)} to unseen space"),
+        ("", f"{centimetres(option.approach_m)} on the way in"),
         ("", f"{centimetres(option.support_m)} over the support"),
-        (
-            "Width",
-            f"{100 * option.width_m:.1f} cm between the fingers, which open {100 * gripper.opening_m:.1f} cm",
-        ),
+        ("Width", f"{100 * option.width_m:.1f} cm between the fingers, which open {opens}"),
     ]
