@@ -1,0 +1,241 @@
+"""The same scene elsewhere, turned, mirrored, shuffled or asked twice gives the same grasp.
+
+Moved scenes are compared within 0.1 mm: points are float32. Mirrored ones within 2 mm: the plane
+is refitted on other pixels of the same table, the rays are every second column from the other
+side, and voxels' and boxes' edges fall on the other side of a cell. An answer may differ where two
+options are worth the same, since then the lower label wins, and left is 1 and right 3; scenes with
+such ties are left out by what the answer itself says (`tied`).
+"""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import answer_text, drawn, seen
+
+from boxgrasp import Capture, GraspSelector, Selection, Target
+from boxgrasp.frames import make_transform, rotation_z, transform
+
+SEEDS = range(14)
+SELECTOR = GraspSelector()
+
+
+@cache
+def view(seed: int, noisy: bool = True) -> Capture:
+    return seen(drawn(seed, (1, 4)), seed if noisy else None)
+
+
+@cache
+def answer(seed: int, noisy: bool = True) -> Selection:
+    return SELECTOR.select(view(seed, noisy))
+
+
+def copy_of(capture: Capture, **changes: object) -> Capture:
+    parts = {
+        "depth": capture.depth,
+        "intrinsics": capture.intrinsics,
+        "T_base_camera": capture.T_base_camera,
+        "rgb": capture.rgb,
+        "target_pixel": capture.target_pixel,
+        **changes,
+    }
+    return Capture(**parts)  # type: ignore[arg-type]
+
+
+# The same bytes
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_same_input_same_bytes(seed: int) -> None:
+    again = GraspSelector().select(copy_of(view(seed)))
+    assert answer_text(again) == answer_text(answer(seed))
+    lines = []
+    for found in (again, answer(seed)):
+        line = json.loads(found.to_json())
+        line.pop("timings_ms")
+        lines.append(json.dumps(line))
+    assert lines[0] == lines[1]
+
+
+def test_order_of_a_batch_is_irrelevant() -> None:
+    selector = GraspSelector()
+    backwards = {seed: answer_text(selector.select(view(seed))) for seed in reversed(SEEDS)}
+    assert backwards == {seed: answer_text(answer(seed)) for seed in SEEDS}
+
+
+def test_two_threads_at_once() -> None:
+    """One selector, two threads, the same captures in different orders at the same time."""
+    selector = GraspSelector()
+    orders = [list(SEEDS), list(reversed(SEEDS))]
+
+    def work(order: list[int]) -> dict[int, str]:
+        return {seed: answer_text(selector.select(view(seed))) for seed in order}
+
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(work, orders))
+    expected = {seed: answer_text(answer(seed)) for seed in SEEDS}
+    assert found == [expected, expected]
+
+
+@pytest.mark.parametrize("cloud_frame", ["optical", "base"])
+@pytest.mark.parametrize("seed", range(4))
+def test_order_of_a_clouds_points_is_irrelevant(seed: int, cloud_frame: str) -> None:
+    capture = view(seed)
+    points, pixels = capture.valid_points()
+    assert capture.rgb is not None and capture.T_base_camera is not None
+    colors = capture.rgb.reshape(-1, 3)[pixels]
+    T = np.array(capture.T_base_camera)
+    base = transform(T, points)
+    if cloud_frame == "base":
+        points = base
+    u, v = capture.target_pixel or (0, 0)
+    target = Target(point=tuple(base[np.searchsorted(pixels, v * 640 + u)].tolist()))
+    texts = []
+    for k in range(3):
+        order = np.random.default_rng(k).permutation(len(points)) if k else np.arange(len(points))
+        cloud = Capture.from_cloud(
+            points[order],
+            cloud_frame=cloud_frame,  # type: ignore[arg-type]
+            colors=colors[order],
+            T_base_camera=T,
+        )
+        texts.append(answer_text(SELECTOR.select(cloud, target)))
+    assert texts[0] == texts[1] == texts[2]
+
+
+# The same scene in another place
+
+
+def same_but_moved(before: Selection, after: Selection, M: np.ndarray) -> None:
+    assert after.status == before.status
+    np.testing.assert_allclose(after.box.dimensions_m, before.box.dimensions_m, atol=6e-4)
+    np.testing.assert_allclose(after.T_base_camera, M @ np.array(before.T_base_camera), atol=1e-9)
+    for a, b in zip(before.options, after.options, strict=True):
+        np.testing.assert_allclose(b.T_base_gripper, M @ a.T_base_gripper, atol=1e-4)
+        assert (a.rejected is None) == (b.rejected is None)
+        assert b.seen_m == pytest.approx(a.seen_m, abs=1e-4)
+        assert b.support_m == pytest.approx(a.support_m, abs=1e-4)
+    assert after.label == before.label
+    if before.T_base_gripper is not None:
+        np.testing.assert_allclose(after.T_base_gripper, M @ before.T_base_gripper, atol=1e-4)
+
+
+# The default hand, grown by 2 cm, ends at 10.5 cm: exactly where cells of 3 cm have centres. So
+# rounding decides whether they count as unseen space in its room.
+EDGE = pytest.mark.xfail(reason="cell centres on the border of the hand's grown room", strict=True)
+
+
+@pytest.mark.parametrize(
+    ("seed", "quarters"),
+    [
+        pytest.param(seed, quarters, marks=EDGE if (seed, quarters) == (6, 3) else ())
+        for seed in SEEDS
+        for quarters in range(4)
+    ],
+)
+def test_a_moved_and_quarter_turned_scene_moves_the_grasp(seed: int, quarters: int) -> None:
+    M = make_transform(rotation_z(quarters * np.pi / 2), (0.37 * quarters - 0.2, -1.13, 0.41))
+    moved = copy_of(view(seed), T_base_camera=M @ np.array(view(seed).T_base_camera))
+    same_but_moved(answer(seed), SELECTOR.select(moved), M)
+
+
+def test_a_base_frame_far_away() -> None:
+    """A base 200 m off, as in a map frame: float32 keeps 15 micrometres."""
+    M = make_transform(np.eye(3), (180.0, -95.0, 12.0))
+    for seed in (0, 1, 3):
+        moved = copy_of(view(seed), T_base_camera=M @ np.array(view(seed).T_base_camera))
+        found = SELECTOR.select(moved)
+        assert found.label == answer(seed).label
+        expected = M[:3, 3] + np.array(answer(seed).position_m)
+        np.testing.assert_allclose(found.position_m, expected, atol=1e-3)
+
+
+# The mirrored scene
+
+_OTHER_FACE = {1: 3, 2: 2, 3: 1, 4: 4, 5: 5}
+
+
+def mirrored(capture: Capture) -> Capture:
+    """Left for right: image flipped, and the base's y turned round."""
+    assert capture.depth is not None and capture.rgb is not None
+    assert capture.target_pixel is not None
+    width = capture.depth.shape[1]
+    K = np.array(capture.intrinsics)
+    K[0, 2] = width - 1 - K[0, 2]
+    T = np.diag([1.0, -1, 1, 1]) @ np.array(capture.T_base_camera) @ np.diag([-1.0, 1, 1, 1])
+    u, v = capture.target_pixel
+    return Capture(
+        capture.depth[:, ::-1],
+        K,
+        T,
+        capture.rgb[:, ::-1],
+        target_pixel=(width - 1 - u, v),
+    )
+
+
+def mirrored_label(label: int) -> int:
+    face, line = (label - 1) // 3 + 1, (label - 1) % 3 + 1
+    return (_OTHER_FACE[face] - 1) * 3 + (4 - line if face == 5 else line)
+
+
+def tied(found: Selection) -> bool:
+    """Whether the mirror image of the choice is worth the same in the scene itself."""
+    if found.label is None:
+        return False
+    chosen = found.option(found.label)
+    other = found.option(mirrored_label(found.label))
+    habit = (chosen.face, abs(chosen.line - 2))
+    rivals = [
+        o
+        for o in found.options
+        if o.rejected is None
+        and o.label != chosen.label
+        and abs(min(o.seen_m, 0.06) - min(chosen.seen_m, 0.06)) < 0.002
+        and (_same_habit(o.face), abs(o.line - 2)) == (_same_habit(habit[0]), habit[1])
+    ]
+    return bool(rivals) or (other.label != chosen.label and other.rejected is None)
+
+
+def _same_habit(face: int) -> bool:
+    return face in (2, 4)
+
+
+def untied(noisy: bool) -> list[int]:
+    return [seed for seed in SEEDS if not tied(answer(seed, noisy))]
+
+
+def test_enough_scenes_are_untied() -> None:
+    assert len(untied(True)) >= 4
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_mirrored_scene_mirrors_the_options(seed: int) -> None:
+    """Poses and distances, ties or not."""
+    before, after = answer(seed), SELECTOR.select(mirrored(view(seed)))
+    np.testing.assert_allclose(after.box.dimensions_m, before.box.dimensions_m, atol=0.002)
+    for option in before.options:
+        other = after.option(mirrored_label(option.label))
+        flipped = other.T_base_gripper[:3, 3] * (1, -1, 1)
+        np.testing.assert_allclose(flipped, option.T_base_gripper[:3, 3], atol=0.002)
+        # Approach and finger opening mirrored, the latter as an axis without a sign.
+        x, y = (other.T_base_gripper[:3, k] * (1, -1, 1) for k in (0, 1))
+        np.testing.assert_allclose(x, option.T_base_gripper[:3, 0], atol=0.02)
+        assert abs(y @ option.T_base_gripper[:3, 1]) > 0.999
+        assert other.seen_m == pytest.approx(option.seen_m, abs=0.004)
+        assert other.support_m == pytest.approx(option.support_m, abs=0.002)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_mirrored_scene_mirrors_the_grasp(seed: int) -> None:
+    before, after = answer(seed), SELECTOR.select(mirrored(view(seed)))
+    if tied(before):
+        pytest.skip("two options are worth the same; the lower label wins")
+    assert after.status == before.status
+    if before.status == "grasp":
+        assert after.label == mirrored_label(before.label or 0)
+        flipped = np.array(after.position_m) * (1, -1, 1)
+        np.testing.assert_allclose(flipped, before.position_m, atol=0.002)
