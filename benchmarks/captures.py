@@ -208,6 +208,8 @@ def plane_of(job: Job, selection: Selection) -> tuple[float, float] | None:
 def plane_of_scene(name: str, folder: Path) -> tuple[float, float] | None:
     """The plane of a capture without a good target, by whatever object it has."""
     reference = json.loads((folder / "reference.json").read_text("utf-8"))
+    if "table_normal_camera" not in reference:
+        return None
     capture = Capture.load(cloud_of(folder))
     job = Job(name, 0, folder, SETTINGS[name], (), None, reference)
     return plane_of(job, GraspSelector(SETTINGS[name].config).select(capture, Target(object=1)))
