@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from boxgrasp.errors import TargetError
-from boxgrasp.frames import Floats, Points, make_transform, readonly, rotation_z
+from boxgrasp.frames import Array, Floats, Points, make_transform, readonly, rotation_z
 from boxgrasp.kernels.footprint import extents_over_yaws
 from boxgrasp.support import Plane
 
@@ -36,7 +36,7 @@ class BoxConfig:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """T_base_box (4, 4) at the box's centre, turned about z only; dimensions_m (3,) along x, y, z."""
+    """T_base_box (4, 4) at the centre, turned about z only; dimensions_m (3,) along x, y, z."""
 
     T_base_box: Floats
     dimensions_m: Floats
@@ -85,7 +85,7 @@ def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig)
     )
 
 
-def _cut(points: Points, config: BoxConfig) -> int:
+def _cut(points: Array, config: BoxConfig) -> int:
     """How many points are left outside at each end."""
     return min(max(_FEWEST_CUT, int(config.trim_share * len(points))), (len(points) - 1) // 2)
 
@@ -94,9 +94,7 @@ def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
     """Yaw and extents (4,) of the footprint: straight, unless turning shrinks it enough."""
 
     def area(extents: Floats) -> Floats:
-        return np.asarray(
-            (extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2])
-        )
+        return np.asarray((extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2]))
 
     cut = _cut(footprint, config)
     straight = extents_over_yaws(footprint, np.zeros(1), cut)

@@ -83,7 +83,7 @@ def measure(
     gripper: Gripper,
     box: Box,
     scene: Scene,
-    own: NDArray[np.bool_],
+    others: NDArray[np.bool_],
     extra_cells: tuple[Floats, Floats],
     local_map: LocalMap,
     width_known: tuple[bool, bool],
@@ -91,7 +91,7 @@ def measure(
 ) -> Numbers:
     """All distances of all options.
 
-    own: (K,) which of the scene's points are the target's; the others are obstacles. extra_cells:
+    others: (K,) which of the scene's points are obstacles. extra_cells:
     centres (K, 3) and edges (K,) of occupied cells that no point explains. width_known: whether
     the box's x and y dimensions are more than lower bounds.
 
@@ -104,13 +104,13 @@ def measure(
             f"{config.width_m}; valid: a wider opening"
         )
     T = options.T_base_gripper
-    obstacles = np.ascontiguousarray(scene.points[~own])
+    obstacles = np.ascontiguousarray(scene.points[others])
     boxes = clearance.uprights(T, gripper.half_m)
     swept = clearance.uprights(T, gripper.half_m, config.approach_back_m)
     columns = np.vstack(
         (
             columns_under(obstacles, local_map, scene.plane),
-            deepened(scene, ~own, box, local_map),
+            deepened(scene, others, box, local_map),
         )
     )
     seen, nearest = clearance.to_points(boxes, obstacles)
@@ -121,14 +121,15 @@ def measure(
         approach = np.minimum(approach, clearance.to_cells(swept, *extra_cells, 0.0))
     body = np.minimum(body, seen)
     unseen = unseen_cells(local_map, box)
-    if not np.any(local_map.state == FREE):  # no view with a known camera: nothing is seen free
-        unseen = unseen[:0]
     sizes = np.full(len(unseen), local_map.resolution_m)
+    share = unseen_shares(boxes, unseen, local_map.resolution_m, config.clearance_m)
+    if not np.any(local_map.state == FREE):  # no camera is known: the answer warns instead
+        share = np.zeros(len(boxes))
     return Numbers(
         seen_m=seen,
         body_m=body,
         unseen_m=np.minimum(body, clearance.to_cells(boxes, unseen, sizes, box.yaw_rad)),
-        unseen_share=unseen_shares(boxes, unseen, local_map.resolution_m, config.clearance_m),
+        unseen_share=share,
         support_m=clearance.to_plane(boxes, scene.plane.normal, scene.plane.offset_m),
         approach_m=approach,
         fits=options.width_m <= gripper.opening_m - config.width_m,
@@ -157,7 +158,9 @@ def judge(
         (numbers.body_m, config.body_m),
         (numbers.unseen_m, config.unseen_m),
     )
-    short = sum((np.maximum(limit - value, 0.0) for value, limit in limits), np.zeros(len(options.label)))
+    short = sum(
+        (np.maximum(limit - value, 0.0) for value, limit in limits), np.zeros(len(options.label))
+    )
     short = short + np.maximum(options.width_m - gripper.opening_m + config.width_m, 0.0)
     short = short + np.where(numbers.known, 0.0, 0.2)
     short = short + 0.1 * np.maximum(numbers.unseen_share - config.unseen_share, 0.0)
@@ -186,9 +189,7 @@ def judge(
             what = _what(labels, numbers.nearest_on_way[k])
             found.append(f"approach: {what} {_cm(numbers.approach_m[k])}")
         if numbers.unseen_m[k] < config.unseen_m:
-            found.append(
-                f"unseen space {_cm(numbers.unseen_m[k])}, needs {_cm(config.unseen_m)}"
-            )
+            found.append(f"unseen space {_cm(numbers.unseen_m[k])}, needs {_cm(config.unseen_m)}")
         if numbers.unseen_share[k] > config.unseen_share:
             found.append(
                 f"unseen space fills {numbers.unseen_share[k]:.0%} of the gripper's room, "

@@ -49,7 +49,7 @@ def invert(T_a_b: Floats) -> Floats:
 def transform(T_a_b: Floats, points: Array) -> Array:
     """(N, 3) points of frame b, in frame a, in the points' own dtype."""
     moved = points @ T_a_b[:3, :3].T.astype(points.dtype) + T_a_b[:3, 3].astype(points.dtype)
-    return moved.astype(points.dtype, copy=False)
+    return np.asarray(moved, dtype=points.dtype)
 
 
 def check_transform(T: ArrayLike, name: str) -> Floats:

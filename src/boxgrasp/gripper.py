@@ -1,4 +1,4 @@
-"""A two-finger hand as the check sees it: a box, an opening, a tool point (DESIGN: gripper frame)."""
+"""A two-finger hand as the check sees it: a box, an opening, a tool point."""
 
 from __future__ import annotations
 

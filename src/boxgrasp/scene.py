@@ -75,9 +75,12 @@ class Scene:
     """What stands over the support plane, base frame, metres.
 
     points: (K, 3) float32 voxel centroids over the plane; labels: (K,) object number, 0 for what
-    is no object; clusters: (K,) which points belong together, objects or not; plane: the support plane; T_base_camera: None where the camera is unknown;
-    T_base_table: z on the plane's normal, z = 0 on the plane; frame: `given` or `support`.
-    clouds: one (points (N, 3) float32 base, eye (3,) or None) a view, for the map.
+    is no object; clusters: (K,) which points belong together, objects or not. plane: the support
+    plane. T_base_camera: None where the camera is unknown; T_base_table: z on the plane's normal,
+    z = 0 on it; frame: `given` or `support`. shape: (H, W) of the first view, or None.
+    source_points: (N, 3) of the first view in its own frame, which T_base_source maps; pixels:
+    (N,) their pixels, rising; above: (P,) which of them lie over the plane, and voxel_of_above
+    (P,) the row of each in `points`, -1 for a trimmed one.
     """
 
     points: Points
@@ -146,7 +149,11 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     T_base_camera = T_base_source if optical else T_given
     T_base_table = T_base_source @ T_source_table
 
-    eye = None if T_base_camera is None else transform(invert(T_base_table), T_base_camera[None, :3, 3])[0]
+    eye = (
+        None
+        if T_base_camera is None
+        else transform(invert(T_base_table), T_base_camera[None, :3, 3])[0]
+    )
     found, above = _over(points, invert(T_source_table), eye, config)
     first = len(found)
     for scan in scans:
@@ -183,7 +190,9 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=None if T_base_camera is None else readonly(T_base_camera),
         T_base_table=readonly(T_base_table),
         shape=capture.shape,
-        pixels=pixels if capture.shape is not None else readonly(np.arange(len(points), dtype=np.int32)),
+        pixels=pixels
+        if capture.shape is not None
+        else readonly(np.arange(len(points), dtype=np.int32)),
         above=readonly(above),
         voxel_of_above=readonly(row[voxel_of[:first]]),
         source_points=points,
@@ -247,7 +256,9 @@ def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray
     """Statistical trimming: mean neighbour distance within sigma of the usual, at its range."""
     spread = np.float32(config.voxel_m)
     if eye is not None:  # a farther surface is sampled more thinly: a pixel at 525 px
-        spread = np.maximum(spread, np.linalg.norm(voxels - eye.astype(np.float32), axis=1) / np.float32(525))
+        spread = np.maximum(
+            spread, np.linalg.norm(voxels - eye.astype(np.float32), axis=1) / np.float32(525)
+        )
     reach_m = 2.4 * float(np.median(spread))
     means = mean_neighbour_distance(voxels, config.outlier_neighbours, reach_m)
     means = means / spread
@@ -266,7 +277,7 @@ def _voxel_colours(
     flat = capture.rgb.reshape(-1, 3) if capture.rgb is not None else capture.colors
     if flat is None or len(voxel_of) == 0:
         return None
-    rows = pixels[above] if capture.shape is not None else above
+    rows: NDArray[Any] = pixels[above] if capture.shape is not None else above
     if capture.shape is None and capture.robot_mask is not None:
         rows = np.flatnonzero(~capture.robot_mask.reshape(-1))[above]
     seen = flat[rows]

@@ -111,9 +111,10 @@ class Selection:
         try:
             box = _build(BoxReport, data.pop("box"))
             options = tuple(_build(OptionReport, option) for option in data.pop("options"))
-            return _build(Selection, {**data, "box": box, "options": options})
+            selection: Selection = _build(Selection, {**data, "box": box, "options": options})
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BoxgraspError(f"not an answer: {' '.join(str(error).split())}") from None
+        return selection
 
 
 def _plain(value: Any) -> Any:

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.frames import Points
-from boxgrasp.kernels.plan import borders, grow, hull_area, inward, nearest, patches, plan_grid, smooth_cells
+from boxgrasp.kernels.plan import (
+    borders,
+    grow,
+    hull_area,
+    inward,
+    nearest,
+    patches,
+    plan_grid,
+    smooth_cells,
+)
 
 _CELL_M = 0.004
 _STEP_M = 0.008
@@ -59,7 +68,8 @@ def _tints(points: Points, colours: Points | None) -> Points:
     """(K, 3) shares of red, green and blue: what shading leaves as it is."""
     if colours is None:
         return np.full((len(points), 3), np.nan, dtype=np.float32)
-    return (colours / np.maximum(colours.sum(axis=1, keepdims=True), 30.0)).astype(np.float32)
+    shares = colours / np.maximum(colours.sum(axis=1, keepdims=True), 30.0)
+    return np.asarray(shares, dtype=np.float32)
 
 
 def _pieces(points: Points, tints: Points) -> Labels:
@@ -117,7 +127,7 @@ def _even(coloured: Labels, ground: Labels, tint: Points) -> bool:
         cells = tint[coloured == k]
         if float(np.nanstd(cells, axis=0).max()) <= _EVEN_TINT:
             even += len(cells)
-    return even > 0 and even >= _EVEN_SHARE * np.count_nonzero(ground >= 0)
+    return even > 0 and even >= _EVEN_SHARE * int(np.count_nonzero(ground >= 0))
 
 
 def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
@@ -210,7 +220,12 @@ def _cut_necks(label: Labels, least: int) -> Labels:
             sizes = np.bincount(parts[parts >= 0])
             hulls = [hull_area(parts == k) for k in range(len(sizes))]
             convex = all(s >= _CONVEX * h for s, h in zip(sizes, hulls, strict=True))
-            if len(sizes) == 2 and sizes.min() >= least and convex and sum(hulls) < _NOTCHED * whole:
+            if (
+                len(sizes) == 2
+                and sizes.min() >= least
+                and convex
+                and sum(hulls) < _NOTCHED * whole
+            ):
                 label = np.where(parts == 1, following, label)
                 following += 1
             break

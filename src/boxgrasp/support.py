@@ -229,16 +229,16 @@ def _over_patch(on: Points, above: Points, margin: int = 0) -> NDArray[np.bool_]
     at = np.floor(above[:, :2] / _CELL_M).astype(np.int64) - lowest
     inside = np.all((at >= 0) & (at < shape), axis=1)
     inside[inside] = filled[tuple(at[inside].T)]
-    return inside
+    return np.asarray(inside)
 
 
 def _spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells with plane on both sides in their row and in their column: hidden spots filled."""
     rows = np.logical_or.accumulate(patch, 0) & np.logical_or.accumulate(patch[::-1], 0)[::-1]
-    columns = np.logical_or.accumulate(patch, 1) & np.logical_or.accumulate(patch[:, ::-1], 1)[
-        :, ::-1
-    ]
-    return patch | (rows & columns)
+    columns = (
+        np.logical_or.accumulate(patch, 1) & np.logical_or.accumulate(patch[:, ::-1], 1)[:, ::-1]
+    )
+    return np.asarray(patch | (rows & columns))
 
 
 def _choose(candidates: list[tuple[int, Floats]], carried: list[int]) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.capture import Capture
 from boxgrasp.errors import TargetError
-from boxgrasp.frames import transform
+from boxgrasp.frames import Points, readonly, transform
 from boxgrasp.kernels.cells import euclidean_clusters
 from boxgrasp.scene import Scene
 
@@ -18,6 +19,7 @@ _PIXEL_REACH = 5
 _POINT_REACH_M = 0.03
 _MASK_JOIN_M = 0.03
 _CLEARLY_M = 0.006
+_RIM_M = 0.008
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +44,19 @@ class Target:
         return getattr(self, name) is not None
 
 
-def find_target(scene: Scene, capture: Capture, target: Target | None) -> NDArray[np.bool_]:
-    """(K,) bool: which of the scene's points are the target's.
+@dataclass(frozen=True, eq=False)
+class TargetPoints:
+    """own: (K,) the scene's points that are the target's; others: (K,) those that are obstacles.
+
+    A mask's rim is neither: its pixels belong to the target or to what touches it.
+    """
+
+    own: NDArray[np.bool_]
+    others: NDArray[np.bool_]
+
+
+def find_target(scene: Scene, capture: Capture, target: Target | None) -> TargetPoints:
+    """Which of the scene's points are the target's, and which are in its way.
 
     Without a target the capture's mask counts, then its target_pixel.
 
@@ -51,21 +64,24 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> NDArra
         TargetError: nothing given, outside the image, on the table, on nothing, unknown number.
     """
     chosen = target or Target()
-    if chosen.object is not None:
-        return scene.labels == _known_number(scene, chosen.object)
-    if chosen.point is not None:
-        return scene.labels == _object_at(scene, chosen.point)
     if chosen.mask is not None:
         return _under_mask(scene, capture, _checked_mask(capture, chosen.mask))
-    if chosen.pixel is not None:
-        return scene.labels == _object_under(scene, chosen.pixel)
-    if capture.mask is not None:
+    if chosen.object is not None:
+        number = _known_number(scene, chosen.object)
+    elif chosen.point is not None:
+        number = _object_at(scene, chosen.point)
+    elif chosen.pixel is not None:
+        number = _object_under(scene, chosen.pixel)
+    elif capture.mask is not None:
         return _under_mask(scene, capture, capture.mask)
-    if capture.target_pixel is not None:
-        return scene.labels == _object_under(scene, capture.target_pixel)
-    raise TargetError(
-        "no target given; valid: a pixel, mask, point or object number, or a capture with one"
-    )
+    elif capture.target_pixel is not None:
+        number = _object_under(scene, capture.target_pixel)
+    else:
+        raise TargetError(
+            "no target given; valid: a pixel, mask, point or object number, or a capture with one"
+        )
+    own = np.asarray(scene.labels == number)
+    return TargetPoints(readonly(own), readonly(~own))
 
 
 def _known_number(scene: Scene, number: int) -> int:
@@ -122,7 +138,11 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
     if number[first] > 0:
         return int(number[first])
     near = np.flatnonzero(number > 0)
-    if number[first] < 1 and len(near) and _off_plane(scene, (v0 + rows[first]) * width + u0 + columns[first]):
+    if (
+        number[first] < 1
+        and len(near)
+        and _off_plane(scene, (v0 + rows[first]) * width + u0 + columns[first])
+    ):
         return int(number[near[np.argmin(off[near])]])  # a trimmed pixel beside or inside one
     if number[first] == 0:
         raise TargetError(
@@ -151,7 +171,7 @@ def _checked_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
     return np.asarray(array != 0)
 
 
-def _under_mask(scene: Scene, capture: Capture, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _under_mask(scene: Scene, capture: Capture, mask: NDArray[np.bool_]) -> TargetPoints:
     """The voxels mostly under the mask; of apart pieces the largest, so that bleed falls off."""
     flat = mask.reshape(-1)
     if scene.shape is None and capture.robot_mask is not None:
@@ -167,4 +187,16 @@ def _under_mask(scene: Scene, capture: Capture, mask: NDArray[np.bool_]) -> NDAr
     rows = np.flatnonzero(under)
     pieces = euclidean_clusters(np.ascontiguousarray(scene.points[rows]), _MASK_JOIN_M)
     under[rows[pieces != np.bincount(pieces).argmax()]] = False
-    return under
+    rim = _beside(scene.points, under) & np.isin(scene.clusters, scene.clusters[under])
+    return TargetPoints(readonly(under), readonly(~under & ~rim))
+
+
+def _beside(points: Points, own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(K,) points in or next to a cell that holds one of the target's own."""
+    cells = np.floor(points / _RIM_M).astype(np.int64)
+    keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
+    held = np.unique(keys[own])
+    beside = np.zeros(len(points), dtype=bool)
+    for x, y, z in itertools.product((-1, 0, 1), repeat=3):
+        beside |= np.isin(keys + (x << 42) + (y << 21) + z, held)
+    return beside

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.box import Box
 from boxgrasp.capture import Capture
-from boxgrasp.frames import Floats, Points, invert, transform
+from boxgrasp.frames import Array, Floats, Points, invert, transform
 from boxgrasp.scene import Scene
 
 _REACH_PX = 6
@@ -109,8 +109,8 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
     """Whether the border cuts the target, and the (axis, side) of each hidden edge."""
     own, depth = window.own, window.depth
     ends, beyond, cut = [], [], False
-    for step, open_side in zip(_STEPS, window.open_sides, strict=True):
-        end, nearer, border = _scan_side(own, depth, step, open_side)
+    for way, open_side in zip(_STEPS, window.open_sides, strict=True):
+        end, nearer, border = _scan_side(own, depth, way, open_side)
         ends.append(end)
         beyond.append(nearer | border)
         cut = cut or int(np.count_nonzero(border)) >= _LEAST_PX
@@ -162,7 +162,9 @@ def _is_hidden(
     free = int(np.count_nonzero(at_edge & ~beyond))
     if free >= max(_LEAST_PX, _FREE_SHARE * total):
         return False
-    counts = [(np.count_nonzero(where & beyond), np.count_nonzero(where)) for where in (at_edge, ends)]
+    counts = [
+        (np.count_nonzero(where & beyond), np.count_nonzero(where)) for where in (at_edge, ends)
+    ]
     return any(hid >= _LEAST_PX and hid > _HIDDEN_SHARE * of for hid, of in counts)
 
 
@@ -190,7 +192,7 @@ def _scan_side(
     deep = np.pad(depth, reach, constant_values=np.inf)
     h, w = own.shape
 
-    def shifted(array: NDArray[np.generic], k: int) -> NDArray[np.generic]:
+    def shifted(array: Array, k: int) -> Array:
         return array[reach + dv * k : reach + dv * k + h, reach + du * k : reach + du * k + w]
 
     ends = own.copy()
@@ -205,6 +207,6 @@ def _scan_side(
         decided |= has
     border = np.zeros_like(own)
     if at_border:
-        rows = {(0, -1): np.s_[:, :2], (0, 1): np.s_[:, -2:], (-1, 0): np.s_[:2], (1, 0): np.s_[-2:]}
-        border[rows[step]] = True
+        rim = {(0, -1): border[:, :2], (0, 1): border[:, -2:], (-1, 0): border[:2]}
+        rim.get(step, border[-2:])[:] = True
     return ends, ends & nearer, ends & border

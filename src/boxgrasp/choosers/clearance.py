@@ -8,7 +8,6 @@ from boxgrasp.choosers import Preference, Situation
 from boxgrasp.clearance import GREEN_FROM_M
 from boxgrasp.options import FRONT, TOP_PARALLEL
 
-
 # What unseen space in the gripper's room costs: 3 cm of room if all of it is unseen.
 _UNSEEN_COST_M = 0.03
 

@@ -11,7 +11,7 @@ from boxgrasp.capture import Capture
 from boxgrasp.clearance import category
 from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import Canvas
-from boxgrasp.draw.evidence import Mark, draw_evidence, evidence_of
+from boxgrasp.draw.evidence import Mark, dot_obstacles, draw_evidence, evidence_of
 from boxgrasp.draw.marks import draw_box, draw_gripper, draw_options
 from boxgrasp.draw.page import Page, save, suffix_checked
 from boxgrasp.draw.palette import BLACK, BLOCKED, GRIPPER, RGB, WHITE
@@ -71,7 +71,7 @@ class _Answer:
     def drawn(self) -> Image:
         focus = self._focus()
         view, image, caption = camera_panel(
-            self.capture, self.cloud, self.T_base_camera, focus, _CAMERA, self.floor_m
+            self.capture, self.cloud, self.T_base_camera, focus[:16], _CAMERA, self.floor_m
         )
         page = Page(headline_of(self.selection), self._mark_of_status())
         page.left(self._panel(Canvas(image), view, caption, "camera"))
@@ -112,6 +112,8 @@ class _Answer:
             draw_gripper(
                 canvas, view, best.T_base_gripper, T_pre, self.gripper, colour, not self.grasp
             )
+        if not self.grasp:
+            dot_obstacles(canvas, view, self.marks)
         draw_options(canvas, view, self.selection, None if best is None else best.label, kind)
         if best is not None:
             draw_evidence(canvas, view, self.marks, self.selection, best, self.gripper)
@@ -124,7 +126,7 @@ class _Answer:
         top = self.box.T_base_box[:3, 3] + (0.0, 0.0, self.box.dimensions_m[2] / 2)
         at = view.point(top)
         if at is not None:
-            size = " x ".join(f"{100 * value:.0f}" for value in self.box.dimensions_m)
+            size = " x ".join(f"{100 * value:.1f}" for value in self.box.dimensions_m)
             canvas.label(at, f"target {size} cm", 17, WHITE, halo=BLACK, away=60, must=True)
         if self.best is not None:
             at = view.point(self.best.T_base_gripper[:3, 3])

@@ -20,7 +20,8 @@ Colours = NDArray[np.uint8]
 
 _MOST_POINTS = 400_000
 _FIT_WITHIN_PX = 1.0
-_BEYOND = 0.2  # of the image: room beside it for a gripper that stands out of it
+_CLOSEST = 0.4  # of the whole image: enough round the target to know the place
+_BEYOND = 0.12  # of the image: room beside it for a gripper that stands out of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +182,7 @@ def _extent(
         if len(xy):
             low, top = xy.min(axis=0), xy.max(axis=0)
             need = max((top[0] - low[0]) / size[0], (top[1] - low[1]) / size[1]) * 1.3
-            step = float(np.clip(need, 0.5 * whole, whole))
+            step = float(np.clip(need, _CLOSEST * whole, whole))
             middle = (float(low[0] + top[0]) / 2, float(low[1] + top[1]) / 2)
     left, upper = middle[0] - step * size[0] / 2, middle[1] - step * size[1] / 2
     if focus is None:

@@ -22,7 +22,7 @@ _ROUND_TARGET_M: Final = 0.01
 _BESIDE_M: Final = 0.015
 _AGREES_M: Final = 0.01
 _FARTHEST_M: Final = 0.12
-_DOTS: Final = 300
+_DOTS: Final = 150
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +78,18 @@ def _kind(reason: str) -> str | None:
     return None if not reason or "not allowed" in reason else "obstacle"
 
 
+def dot_obstacles(canvas: Canvas, view: View, marks: list[Mark]) -> None:
+    """Dot the obstacles' points that are as near as the nearest; drawn under all else."""
+    for mark in marks:
+        if mark.obstacle is None:
+            continue
+        around = mark.obstacle.around
+        for x, y in view.project(around[:: -(-len(around) // _DOTS)])[0].tolist():
+            if not np.isnan(x):
+                canvas.dot((x, y), 2.6, BLACK, 160)
+                canvas.dot((x, y), 1.8, OBSTACLE)
+
+
 def draw_evidence(
     canvas: Canvas,
     view: View,
@@ -110,19 +122,15 @@ def draw_evidence(
 def _obstacle(
     canvas: Canvas, view: View, near: Obstacle, word: str, ask: bool, rings: list[XY]
 ) -> None:
-    if ask:
-        for x, y in view.project(near.around[:: -(-len(near.around) // _DOTS)])[0].tolist():
-            if not np.isnan(x):
-                canvas.dot((x, y), 3.0, BLACK, 200)
-                canvas.dot((x, y), 2.0, OBSTACLE)
     ends = view.segment(near.on_hand, near.point)
     if ends is None:
         return
     if near.distance_m > 0.002:
         canvas.line(*ends, OBSTACLE, 2.5, halo=BLACK)
-    if all(np.hypot(ends[1][0] - x, ends[1][1] - y) > 14 for x, y in rings):
-        canvas.ring(ends[1], 12 if ask else 7, OBSTACLE)
-        canvas.take(ends[1], 15 if ask else 10)
+    if any(np.hypot(ends[1][0] - x, ends[1][1] - y) < 14 for x, y in rings):
+        return
+    canvas.ring(ends[1], 12 if ask else 7, OBSTACLE)
+    canvas.take(ends[1], 15 if ask else 10)
     rings.append(ends[1])
     _say(canvas, ends[1], word)
 

@@ -266,7 +266,7 @@ def _legend(width: int, selection: Selection) -> Image:
         ("yellow", "kept", f"feasible: {near:.0f} to {far:.0f} cm free"),
         ("red", "kept", f"too close: under {near:.0f} cm"),
         ("green", "dropped", "crossed: rejected by the check"),
-        ("red", "wide", "arrow: width does not fit, or is unknown"),
+        ("red", "wide", "arrow: too wide, or width unknown"),
     )
     for k, (kind, style, word) in enumerate(marks):
         y = 20.0 + 28 * k

@@ -22,7 +22,7 @@ def _slot(table: NDArray[np.int64], key: int) -> int:
     h = h & size
     while table[h] != -1 and table[h] != key:
         h = (h + 1) & size
-    return h
+    return int(h)
 
 
 @jit
@@ -73,9 +73,7 @@ def voxel_centroids(points: Points, voxel_m: float) -> tuple[Points, NDArray[np.
 
 
 @jit
-def bucket(
-    member: NDArray[np.int64], cells: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def bucket(member: NDArray[np.int64], cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Point indices cell by cell, and where each cell starts (counting sort)."""
     start = np.zeros(cells + 1, dtype=np.int64)
     for i in range(member.shape[0]):
