@@ -37,7 +37,7 @@ def test_seen_is_the_distance_to_the_nearest_point_that_is_not_the_targets(
 ) -> None:
     _, capture, found = answer(seed, noise)
     scene = find_scene(capture, (), SceneConfig())
-    others = scene.points[~find_target(scene, capture, None)].astype(np.float64)
+    others = scene.points[find_target(scene, capture, None).others].astype(np.float64)
     for option in found.options:
         local = transform(invert(option.T_base_gripper), others)
         away = np.linalg.norm(np.maximum(np.abs(local) - HALF, 0), axis=1)

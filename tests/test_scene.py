@@ -168,8 +168,8 @@ def test_listed_pixels_lie_on_their_objects() -> None:
     capture = seen(scene, 0)
     found = find_scene(capture, (), SceneConfig())
     for seen_object in listed:
-        by_pixel = find_target(found, capture, Target(pixel=seen_object.pixel))
-        by_number = find_target(found, capture, Target(object=seen_object.number))
+        by_pixel = find_target(found, capture, Target(pixel=seen_object.pixel)).own
+        by_number = find_target(found, capture, Target(object=seen_object.number)).own
         np.testing.assert_array_equal(by_pixel, by_number)
 
 
@@ -222,7 +222,7 @@ def wrong_boxes(segmentation: str, seeds: range) -> list[int]:
         assert capture.target_pixel is not None
         truth = Target(mask=labels == scene.target_label)
         sizes = [
-            fit_box(found.points[find_target(found, capture, target)], found.plane, 0.0,
+            fit_box(found.points[find_target(found, capture, target).own], found.plane, 0.0,
                     BoxConfig(fit="aligned")).dimensions_m
             for target in (None, truth)
         ]  # fmt: skip
