@@ -11,11 +11,12 @@ from msgspec import Meta
 
 from boxgrasp.errors import TargetError
 from boxgrasp.frames import Array, Floats, Points, make_transform, readonly, rotation_z
-from boxgrasp.kernels.footprint import extents_over_yaws
+from boxgrasp.kernels.footprint import extents_over_yaws, within_full_slabs
 from boxgrasp.support import Plane
 
 _COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
 _FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
+_ROUND = np.deg2rad(np.arange(0.0, 180.0, 15.0))
 _LEAST_M = 0.005
 _FEWEST_CUT = 2
 
@@ -25,12 +26,15 @@ class BoxConfig:
     """How the box is fitted.
 
     fit: `yaw` turns to the smallest area where that shrinks it by `turn_gain`; `aligned` is the
-    thesis's. trim_share: share of the points that may lie outside at each end of an axis, so
-    that a stray pixel cannot inflate the box.
+    thesis's. So that stray pixels cannot inflate the box, the outer slab_m of it must hold
+    slab_share of the points on every side (a veil of flying pixels behind an outline does not),
+    and then trim_share of the points, at least two, may lie outside at each end of an axis.
     """
 
     fit: Literal["yaw", "aligned"] = "yaw"
     turn_gain: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.07
+    slab_m: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.01
+    slab_share: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.01
     trim_share: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.001
 
 
@@ -72,7 +76,9 @@ def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig)
     quarter = float(np.round(heading_rad / (np.pi / 2)) * (np.pi / 2)) + 0.0
     middle = points[:, :2].mean(axis=0, dtype=np.float64)
     footprint = (points[:, :2] - middle) @ rotation_z(quarter)[:2, :2]
-    yaw, extent = _turn(np.ascontiguousarray(footprint), config)
+    footprint = np.ascontiguousarray(footprint)
+    solid = within_full_slabs(footprint, _ROUND, config.slab_m, config.slab_share)
+    yaw, extent = _turn(footprint[solid] if solid.any() else footprint, config)
     turn = rotation_z(quarter) @ rotation_z(yaw)
     size = np.maximum(extent[1::2] - extent[::2], _LEAST_M)
     centre = middle + turn[:2, :2] @ ((extent[1::2] + extent[::2]) / 2)

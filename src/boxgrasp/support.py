@@ -11,9 +11,10 @@ from boxgrasp.errors import SceneError
 from boxgrasp.frames import Floats, Points, invert, make_transform, readonly, transform
 from boxgrasp.kernels.plane import plane_sums, plane_votes
 
-_SAMPLE = 2000
-_PROPOSALS = 160
+_SAMPLE = 1500
+_PROPOSALS = 120
 _CANDIDATES = 4
+_TRIES = 6
 _ALIKE = np.cos(np.deg2rad(15.0))
 _COARSE_M = 0.015
 _FINE_M = 0.008
@@ -55,15 +56,17 @@ def find_support_plane(
     Raises:
         SceneError: no plane of a plausible tilt holds enough points.
     """
-    sample = np.ascontiguousarray(points[:: max(1, len(points) // _SAMPLE)])
+    sample = np.array(points[:: max(1, len(points) // _SAMPLE)])
     proposals = _proposals(sample, up)
     votes = plane_votes(sample, proposals, _COARSE_M)
     candidates: list[tuple[int, Floats]] = []
+    tries = 0
     while len(candidates) < _CANDIDATES and len(proposals):
         best = int(np.argmax(votes))
-        if votes[best] < max(30, 0.02 * len(sample)):
+        if votes[best] < max(30, 0.02 * len(sample)) or tries == _TRIES:
             break
-        plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M, _FINE_M))
+        tries += 1
+        plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M))
         if plane is None or not _plausible(plane[None], up)[0]:
             plane = proposals[best]
         elif not any(_alike(found[None], plane, sample)[0] for _, found in candidates):
@@ -85,7 +88,7 @@ def find_support_plane(
         noise_m, within = axial_noise_m(ranges), ranges <= far_m
     carried = [_carried(sample, within, noise_m, plane) for _, plane in candidates]
     chosen = _choose(candidates, carried)
-    dense = np.ascontiguousarray(points[:: max(1, len(points) // 60_000)])
+    dense = np.array(points[:: max(1, len(points) // 60_000)])
     if eye is not None:  # a second table behind may be level with this one, but not quite
         near = np.sum((dense - eye.astype(np.float32)) ** 2, axis=1) <= far_m**2
         dense = dense[near] if np.count_nonzero(near) > 1000 else dense
@@ -125,7 +128,7 @@ def _proposals(sample: Points, up: Floats | None) -> Floats:
     if count < 3:
         return np.empty((0, 4))
     first = rng.integers(count, size=_PROPOSALS)
-    others = rng.integers(count, size=(_PROPOSALS, 40))
+    others = rng.integers(count, size=(_PROPOSALS, 30))
     centres = sample[first].astype(np.float64)
     offsets = sample[others].astype(np.float64) - centres[:, None]
     gap = np.linalg.norm(offsets, axis=2)

@@ -37,9 +37,19 @@ def fit(text: str, size: int, width: float) -> str:
     """The text, cut with an ellipsis where it is wider than `width` pixels."""
     if text_size(text, size)[0] <= width:
         return text
-    while text and text_size(text + "...", size)[0] > width:
-        text = text[:-1]
-    return text.rstrip() + "..."
+    most = _longest(text, size, width - text_size("...", size)[0])
+    return text[:most].rstrip() + "..."
+
+
+def _longest(text: str, size: int, width: float) -> int:
+    """How many first letters fit, by halving: a text may be very long."""
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (
+            (middle, high) if text_size(text[:middle], size)[0] <= width else (low, middle - 1)
+        )
+    return low
 
 
 def wrap(text: str, size: int, width: float, most: int = 99) -> list[str]:
@@ -54,9 +64,7 @@ def wrap(text: str, size: int, width: float, most: int = 99) -> list[str]:
         if line:
             lines.append(line)
         while text_size(word, size)[0] > width and len(word) > 1:
-            part = len(word)
-            while part > 1 and text_size(word[:part], size)[0] > width:
-                part -= 1
+            part = max(1, _longest(word, size, width))
             lines.append(word[:part])
             word = word[part:]
         line = word

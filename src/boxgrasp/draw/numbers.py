@@ -74,8 +74,9 @@ def _drawn(capture: Capture, objects: Sequence[SceneObject], T: Floats | None) -
 
     cloud = base_cloud(capture, T)
     floor_m = min((float(item.centre_m[2] - item.size_m[2] / 2) for item in objects), default=0.0)
-    if capture.shape is not None and T is not None:
-        view, image, caption = camera_panel(capture, cloud, T, None, _PANEL, floor_m)
+    if capture.shape is not None and (T is not None or capture.intrinsics is not None):
+        known = T if T is not None else np.eye(4)
+        view, image, caption = camera_panel(capture, cloud, known, None, _PANEL, floor_m)
         canvas = Canvas(image)
     else:
         places = [corners(_upright(item), item.size_m) for item in objects]
@@ -83,7 +84,8 @@ def _drawn(capture: Capture, objects: Sequence[SceneObject], T: Floats | None) -
         view, caption = plan_view("above", focus, _PANEL, 0.5), "From above"
         canvas = Canvas(painted(cloud, view, _PANEL, floor_m))
         draw_grid(canvas, view, "above", floor_m)
-    number_objects(canvas, view, objects)
+    pixels = capture.intrinsics if T is None else None
+    number_objects(canvas, view, objects, pixels)
     canvas.text((8, 6), caption, 19, WHITE, halo=BLACK)
     panel, table = canvas.finish(), _list(objects, WIDTH - _PANEL[0] - 3 * MARGIN)
     page = Images.new("RGB", (WIDTH, HEADER + 2 * MARGIN + max(panel.height, table.height)), PAPER)
@@ -94,9 +96,14 @@ def _drawn(capture: Capture, objects: Sequence[SceneObject], T: Floats | None) -
     return page
 
 
-def number_objects(canvas: Canvas, view: View, objects: Sequence[SceneObject]) -> None:
-    """Outlines first, then the numbers over them, pushed apart where they would meet."""
-    for item in objects:
+def number_objects(
+    canvas: Canvas, view: View, objects: Sequence[SceneObject], K: Floats | None = None
+) -> None:
+    """Outlines first, then the numbers over them, pushed apart where they would meet.
+
+    K: (3, 3) intrinsics where the camera's place is unknown: numbers go to the objects' pixels.
+    """
+    for item in objects if K is None else ():
         places = corners(_upright(item), item.size_m)
         for a, b in EDGES:
             ends = view.segment(places[a], places[b])
@@ -104,7 +111,7 @@ def number_objects(canvas: Canvas, view: View, objects: Sequence[SceneObject]) -
                 canvas.line(*ends, WHITE, 1.5, halo=BLACK)
     placed: list[XY] = []
     for item in objects:
-        foot = view.point(item.centre_m)
+        foot = view.point(item.centre_m) if K is None else _at_pixel(view, K, item.pixel)
         if foot is None:
             continue
         at = _apart(foot, placed, canvas)
@@ -116,6 +123,15 @@ def number_objects(canvas: Canvas, view: View, objects: Sequence[SceneObject]) -
         text = str(item.number)
         width, height = text_size(text, 18)
         canvas.text((at[0] - width / 2, at[1] - height / 2 + 1), text, 18, WHITE)
+
+
+def _at_pixel(view: View, K: Floats, pixel: tuple[int, int] | None) -> XY | None:
+    """A pixel of the camera's image, in panel pixels."""
+    if pixel is None:
+        return None
+    x = (pixel[0] - K[0, 2]) * view.fx / K[0, 0] + view.cx
+    y = (pixel[1] - K[1, 2]) * view.fy / K[1, 1] + view.cy
+    return float(x), float(y)
 
 
 def _apart(foot: XY, placed: list[XY], canvas: Canvas) -> XY:

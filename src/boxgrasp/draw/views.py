@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxgrasp.draw.canvas import XY
-from boxgrasp.frames import Array, Floats, invert, make_transform, readonly
+from boxgrasp.frames import Array, Floats, invert, make_transform, readonly, transform
 
 _NEAR_M = 0.03
 
@@ -28,7 +28,7 @@ class View:
 
     def project(self, points: Array) -> tuple[Floats, Floats]:
         """(N, 3) base points to (N, 2) panel pixels and (N,) depths, m; NaN behind the camera."""
-        seen = np.asarray(points, np.float64) @ self.T_view_base[:3, :3].T + self.T_view_base[:3, 3]
+        seen = np.asarray(transform(self.T_view_base, points))  # a cloud stays float32: quicker
         return self._flat(seen), seen[:, 2]
 
     def point(self, at: Array) -> XY | None:

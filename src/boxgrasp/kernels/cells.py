@@ -161,11 +161,16 @@ def neighbour_means(
     start: NDArray[np.int64],
     reach_m: float,
     neighbours: int,
+    enough: Points,
     means: Points,
     first: int,
     last: int,
 ) -> None:
-    """Fill the means of the points in cells [first, last); the cells' edge is the reach."""
+    """Fill the means of the points in cells [first, last); the cells' edge is the reach.
+
+    A point with all its neighbours within its own `enough` (N,) is not measured further: its
+    mean is no more than that, which is noted as 0.
+    """
     far = np.float32(reach_m * reach_m)
     nearest = np.empty(neighbours, dtype=np.float32)
     near = np.empty((1024, 3), dtype=np.float32)
@@ -190,6 +195,7 @@ def neighbour_means(
             px, py, pz = points[i, 0], points[i, 1], points[i, 2]
             nearest[:] = far
             selves = 0
+            near_enough = enough[i] * enough[i]
             for q in range(count):
                 x, y, z = near[q, 0] - px, near[q, 1] - py, near[q, 2] - pz
                 d = x * x + y * y + z * z
@@ -202,22 +208,41 @@ def neighbour_means(
                         nearest[k] = nearest[k - 1]
                         k -= 1
                     nearest[k] = d
+                    if nearest[neighbours - 1] < near_enough:
+                        break
             total = 0.0
-            for k in range(neighbours):
-                total += np.sqrt(float(nearest[k]))
+            if nearest[neighbours - 1] >= near_enough:
+                for k in range(neighbours):
+                    total += np.sqrt(float(nearest[k]))
             means[i] = total / neighbours
 
 
+class Neighbours:
+    """Points in cells of one reach, to measure mean distances to their nearest neighbours."""
+
+    def __init__(self, points: Points, neighbours: int, reach_m: float) -> None:
+        member, self._keys, self._table, self._value = group_by_cell(points, reach_m)
+        self._order, self._start = bucket(member, self._keys.shape[0])
+        self._points, self._neighbours, self._reach_m = points, neighbours, reach_m
+
+    def means(self, enough_m: Points) -> Points:
+        """(N,) mean distance to the nearest neighbours; those beyond reach count as reach.
+
+        enough_m: (N,) where a point's neighbours are all nearer than this, 0 comes out.
+        """
+        means = np.empty(len(self._points), dtype=np.float32)
+
+        def work(first: int, last: int) -> None:
+            neighbour_means(
+                self._points, self._keys, self._table, self._value, self._order, self._start,
+                self._reach_m, self._neighbours, enough_m, means, first, last,
+            )  # fmt: skip
+
+        run_chunks(work, self._keys.shape[0], smallest=500)
+        return means
+
+
 def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> Points:
-    """(N,) mean distance to the nearest neighbours; those beyond reach count as reach."""
-    member, keys, table, value = group_by_cell(points, reach_m)
-    order, start = bucket(member, keys.shape[0])
-    means = np.empty(points.shape[0], dtype=np.float32)
-
-    def work(first: int, last: int) -> None:
-        neighbour_means(
-            points, keys, table, value, order, start, reach_m, neighbours, means, first, last
-        )
-
-    run_chunks(work, keys.shape[0], smallest=500)
-    return means
+    """(N,) mean distance of each point to its nearest neighbours, none left out."""
+    exact = np.zeros(len(points), dtype=np.float32)
+    return Neighbours(points, neighbours, reach_m).means(exact)

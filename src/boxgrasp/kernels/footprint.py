@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.frames import Floats
 from boxgrasp.kernels._jit import jit
@@ -45,3 +46,42 @@ def extents_over_yaws(footprint: Floats, yaws: Floats, cut: int) -> Floats:
             values[i] = footprint[i, 1] * c - footprint[i, 0] * s
         extents[k, 2], extents[k, 3] = _quantile_range(values, cut)
     return extents
+
+
+@jit
+def within_full_slabs(
+    footprint: Floats, yaws: Floats, slab_m: float, share: float
+) -> NDArray[np.bool_]:
+    """(N,) which of (N, 2) points stay when, along each yaw, both ends move in to where the
+    outer slab holds its share of the points.
+    """
+    count = footprint.shape[0]
+    stay = np.ones(count, dtype=np.bool_)
+    need = share * count
+    values = np.empty(count)
+    width = int(slab_m / _BIN_M)
+    for k in range(yaws.shape[0]):
+        c, s = np.cos(yaws[k]), np.sin(yaws[k])
+        for i in range(count):
+            values[i] = footprint[i, 0] * c + footprint[i, 1] * s
+        low = values.min()
+        bins = int((values.max() - low) / _BIN_M) + 1
+        counts = np.zeros(bins, dtype=np.int64)
+        for v in values:
+            counts[int((v - low) / _BIN_M)] += 1
+        ends = (0, 0)
+        for side in range(2):
+            held = 0
+            for b in range(min(width, bins)):
+                held += counts[b if side == 0 else bins - 1 - b]
+            edge = 0
+            while held < need and edge + width < bins:
+                held -= counts[edge if side == 0 else bins - 1 - edge]
+                held += counts[edge + width if side == 0 else bins - 1 - edge - width]
+                edge += 1
+            ends = (edge, ends[1]) if side == 0 else (ends[0], edge)
+        for i in range(count):
+            b = int((values[i] - low) / _BIN_M)
+            if b < ends[0] or b >= bins - ends[1]:
+                stay[i] = False
+    return stay
