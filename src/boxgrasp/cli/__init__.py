@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import io
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 from boxgrasp import __version__
@@ -83,12 +84,26 @@ def _answer(command: str, args: argparse.Namespace) -> int:
 
     module = importlib.import_module(f"boxgrasp.cli.{command}")
     try:
-        status = int(module.run(args))
+        with _without_scipy():
+            status = int(module.run(args))
         sys.stdout.flush()
         return status
     except BoxgraspError as error:
         complain(error)
         return FAILED
+
+
+@contextlib.contextmanager
+def _without_scipy() -> Iterator[None]:
+    """Numba imports scipy where it is installed, 0.3 s for matrix products that no kernel has."""
+    if "scipy" in sys.modules:
+        yield
+        return
+    sys.modules["scipy"] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules["scipy"]
 
 
 def _main_parser() -> Parser:
