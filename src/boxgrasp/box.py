@@ -11,12 +11,11 @@ from msgspec import Meta
 
 from boxgrasp.errors import TargetError
 from boxgrasp.frames import Array, Floats, Points, make_transform, readonly, rotation_z
-from boxgrasp.kernels.footprint import extents_over_yaws, within_full_slabs
+from boxgrasp.kernels.footprint import extents_over_yaws
 from boxgrasp.support import Plane
 
 _COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
 _FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
-_ROUND = np.deg2rad(np.arange(0.0, 180.0, 15.0))
 _LEAST_M = 0.005
 _FEWEST_CUT = 2
 
@@ -77,8 +76,7 @@ def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig)
     middle = points[:, :2].mean(axis=0, dtype=np.float64)
     footprint = (points[:, :2] - middle) @ rotation_z(quarter)[:2, :2]
     footprint = np.ascontiguousarray(footprint)
-    solid = within_full_slabs(footprint, _ROUND, config.slab_m, config.slab_share)
-    yaw, extent = _turn(footprint[solid] if solid.any() else footprint, config)
+    yaw, extent = _turn(footprint, config)
     turn = rotation_z(quarter) @ rotation_z(yaw)
     size = np.maximum(extent[1::2] - extent[::2], _LEAST_M)
     centre = middle + turn[:2, :2] @ ((extent[1::2] + extent[::2]) / 2)
@@ -102,13 +100,16 @@ def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
     def area(extents: Floats) -> Floats:
         return np.asarray((extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2]))
 
-    cut = _cut(footprint, config)
-    straight = extents_over_yaws(footprint, np.zeros(1), cut)
+    def extents_at(yaws: Floats) -> Floats:
+        cut = _cut(footprint, config)
+        return extents_over_yaws(footprint, yaws, cut, config.slab_m, config.slab_share)
+
+    straight = extents_at(np.zeros(1))
     if config.fit == "aligned":
         return 0.0, straight[0]
     yaws = _COARSE
     for _ in range(2):
-        extents = extents_over_yaws(footprint, yaws, cut)
+        extents = extents_at(yaws)
         areas = area(extents)
         ties = np.flatnonzero(areas <= areas.min() * (1 + 1e-9))
         best = ties[np.argmin(np.abs(yaws[ties]))]
@@ -119,5 +120,5 @@ def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
     yaw = float(yaws[best])
     if not -np.pi / 4 < yaw <= np.pi / 4:  # the same rectangle, named from its other side
         yaw -= np.copysign(np.pi / 2, yaw)
-        return yaw, extents_over_yaws(footprint, np.array([yaw]), cut)[0]
+        return yaw, extents_at(np.array([yaw]))[0]
     return yaw, extents[best]

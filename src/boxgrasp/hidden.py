@@ -113,16 +113,19 @@ def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
 def unseen_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) -> Floats:
     """(M,) share of each upright box, grown on every side, that the unseen cells fill, 0 to 1.
 
-    boxes: (M, 8) of `clearance.uprights`; centres: (K, 3) base frame of cubes of edge_m.
+    boxes: (M, 8) of `clearance.uprights`; centres: (K, 3) base frame of cubes of edge_m, whose
+    sides are along the boxes' own, as those of the local map are.
     """
     shares = np.empty(len(boxes))
+    half = edge_m / 2
     for k, (x, y, c, s, along, across, low, high) in enumerate(boxes):
-        dx, dy, z = centres[:, 0] - x, centres[:, 1] - y, centres[:, 2]
-        a, b = along + grow_m, across + grow_m
-        inside = (np.abs(dx * c + dy * s) < a) & (np.abs(dy * c - dx * s) < b)
-        inside &= (z > low - grow_m) & (z < high + grow_m)
-        volume = 4 * a * b * (high - low + 2 * grow_m)
-        shares[k] = min(1.0, np.count_nonzero(inside) * edge_m**3 / volume)
+        dx, dy = centres[:, 0] - x, centres[:, 1] - y
+        middle = (low + high) / 2
+        room = np.array((along, across, (high - low) / 2)) + grow_m
+        offset = np.stack((dx * c + dy * s, dy * c - dx * s, centres[:, 2] - middle), axis=1)
+        overlap = np.minimum(room, offset + half) - np.maximum(-room, offset - half)
+        filled = np.prod(np.maximum(overlap, 0.0), axis=1).sum()
+        shares[k] = min(1.0, float(filled / np.prod(2 * room)))
     return shares
 
 

@@ -169,7 +169,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     labels[sizes[labels + 1] < _SPECK] = -1
     colours = _voxel_colours(capture, pixels, above, voxel_of[:first], len(voxels))
     if config.segmentation == "split":
-        labels = split_clusters(voxels, labels, colours)
+        labels = split_clusters(voxels, labels, colours, eye)
     patch = patch_over(points, T_source_table, voxels)
     labels = np.where(labels < 0, -1, labels)
     points_base = transform(T_base_table, voxels)

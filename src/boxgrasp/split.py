@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.frames import Points
+from boxgrasp.frames import Floats, Points
 from boxgrasp.kernels.plan import (
     borders,
     grow,
@@ -26,6 +26,7 @@ from boxgrasp.kernels.plan import (
 )
 
 _CELL_M = 0.004
+_CELL_UP_TO_M = 0.95  # range up to which a level top fills such cells
 _STEP_M = 0.008
 _TINT_STEP = 0.10
 _RAGGED = 3  # neighbours of a smooth cell that may be missing or a step away
@@ -42,11 +43,13 @@ _LEVEL_M = 0.005  # from the middle height to the 90 % one, up to which a top is
 Labels = NDArray[np.int64]
 
 
-def split_clusters(points: Points, labels: Labels, colours: Points | None) -> Labels:
+def split_clusters(
+    points: Points, labels: Labels, colours: Points | None, eye: Floats | None
+) -> Labels:
     """Labels (K,) with clusters parted; new ones get new numbers, -1 stays.
 
     points: (K, 3) float32 in the table frame (z = 0 on the plane); colours: (K, 3) of 0..255 with
-    NaN where unknown, or None.
+    NaN where unknown, or None; eye: (3,) camera position there, or None.
     """
     parted = labels.copy()
     tints = _tints(points, colours)
@@ -57,7 +60,11 @@ def split_clusters(points: Points, labels: Labels, colours: Points | None) -> La
         rows = order[start:stop]
         if len(rows) < 2 * _LEAST_M2 / _CELL_M**2:
             continue
-        pieces = _pieces(np.ascontiguousarray(points[rows]), np.ascontiguousarray(tints[rows]))
+        own = np.ascontiguousarray(points[rows])
+        cell_m = _CELL_M
+        if eye is not None:  # a farther top is seen by fewer pixels
+            cell_m *= max(1.0, float(np.linalg.norm(own.mean(axis=0) - eye)) / _CELL_UP_TO_M)
+        pieces = _pieces(own, np.ascontiguousarray(tints[rows]), cell_m)
         for piece in range(1, int(pieces.max()) + 1):
             parted[rows[pieces == piece]] = following
             following += 1
@@ -72,10 +79,10 @@ def _tints(points: Points, colours: Points | None) -> Points:
     return np.asarray(shares, dtype=np.float32)
 
 
-def _pieces(points: Points, tints: Points) -> Labels:
+def _pieces(points: Points, tints: Points, cell_m: float) -> Labels:
     """(N,) piece of each point of one cluster, from 0."""
-    top, tint, cells = plan_grid(points, tints, _CELL_M)
-    least = round(_LEAST_M2 / _CELL_M**2)
+    top, tint, cells = plan_grid(points, tints, cell_m)
+    least = round(_LEAST_M2 / cell_m**2)
     inside = np.isfinite(top)
     ground = _ground(top, tint, np.inf, least)
     label = _joined(grow(ground, inside), *_tops(ground, top))

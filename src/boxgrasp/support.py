@@ -20,6 +20,8 @@ _COARSE_M = 0.015
 _FINE_M = 0.008
 _CARRIED_M = (0.015, 0.30)
 _CELL_M = 0.05
+_FAIR_SHARE = 0.3
+_FEWEST_CARRIED = 4
 _LEAST_PATCH_M2 = 0.05
 _TILT_GIVEN = np.cos(np.deg2rad(12.0))
 _TILT_CAMERA = np.sin(np.deg2rad(10.0))
@@ -245,6 +247,14 @@ def _spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _choose(candidates: list[tuple[int, Floats]], carried: list[int]) -> Floats:
-    """The plane that carries most; where none carries anything, the best supported."""
-    order = max(range(len(candidates)), key=lambda k: (carried[k], candidates[k][0], -k))
-    return candidates[order][1]
+    """The plane that carries most, of those with a fair share of points; else the highest.
+
+    A slanted plane through the objects has few points; a table hides the floor under it.
+    """
+    most = max(votes for votes, _ in candidates)
+    fair = [k for k, (votes, _) in enumerate(candidates) if votes >= _FAIR_SHARE * most]
+    clear = [k for k in fair if carried[k] >= _FEWEST_CARRIED]
+    if clear:
+        return candidates[max(clear, key=lambda k: (carried[k], -k))][1]
+    broad = [k for k in fair if carried[k] >= 0] or fair
+    return candidates[min(broad, key=lambda k: (float(candidates[k][1][3]), k))][1]
