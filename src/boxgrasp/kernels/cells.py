@@ -185,15 +185,21 @@ def neighbour_means(
                     if table[at] == -1:
                         continue
                     b = value[at]
-                    while count + start[b + 1] - start[b] > near.shape[0]:
-                        near = np.vstack((near, near))
+                    if count + start[b + 1] - start[b] > near.shape[0]:
+                        wider = np.empty((2 * (count + start[b + 1] - start[b]), 3), np.float32)
+                        for q in range(count):
+                            for k in range(3):
+                                wider[q, k] = near[q, k]
+                        near = wider
                     for p in range(start[b], start[b + 1]):
-                        near[count] = points[order[p]]
+                        for k in range(3):
+                            near[count, k] = points[order[p], k]
                         count += 1
         for p in range(start[a], start[a + 1]):
             i = order[p]
             px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            nearest[:] = far
+            for k in range(neighbours):
+                nearest[k] = far
             selves = 0
             near_enough = enough[i] * enough[i]
             for q in range(count):

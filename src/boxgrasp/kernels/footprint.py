@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boxgrasp.frames import Floats
 from boxgrasp.kernels._jit import jit
@@ -16,32 +15,33 @@ def _solid_range(values: Floats, cut: int, slab_m: float, share: float) -> tuple
     """Lowest and highest value, to 0.5 mm, with `cut` values left out at each end, and moved in
     to where the outer slab holds its share of the values.
     """
-    low = values.min()
-    bins = int((values.max() - low) / _BIN_M) + 1
+    low, high = values[0], values[0]
+    for v in values:
+        low, high = min(low, v), max(high, v)
+    bins = int((high - low) / _BIN_M) + 1
     counts = np.zeros(bins, dtype=np.int64)
     for v in values:
         counts[int((v - low) / _BIN_M)] += 1
     width = int(slab_m / _BIN_M)
-    need = share * values.shape[0]
-    first = _solid_from(counts, cut, width, need)
-    last = bins - _solid_from(counts[::-1], cut, width, need)
-    return low + first * _BIN_M, low + max(last, first + 1) * _BIN_M
-
-
-@jit
-def _solid_from(counts: NDArray[np.int64], cut: int, width: int, need: float) -> int:
-    """First bin that counts, from the left."""
-    bins = counts.shape[0]
-    total = 0
-    first = 0
-    while first < bins - 1 and total + counts[first] <= cut:
-        total += counts[first]
-        first += 1
-    held = counts[first : first + width].sum()
-    while held < need and first + width < bins:
-        held += counts[first + width] - counts[first]
-        first += 1
-    return first
+    ends = np.empty(2, dtype=np.int64)
+    for side in range(2):
+        step = 1 if side == 0 else -1
+        first = 0 if side == 0 else bins - 1
+        total = 0
+        moved = 0
+        while moved < bins - 1 and total + counts[first] <= cut:
+            total += counts[first]
+            first += step
+            moved += 1
+        held = 0
+        for k in range(min(width, bins - moved)):
+            held += counts[first + step * k]
+        while held < share * values.shape[0] and moved + width < bins:
+            held += counts[first + step * width] - counts[first]
+            first += step
+            moved += 1
+        ends[side] = first
+    return low + ends[0] * _BIN_M, low + max(ends[1] + 1, ends[0] + 1) * _BIN_M
 
 
 @jit

@@ -213,38 +213,37 @@ def nearest(points: Points, others: Points) -> NDArray[np.int64]:
 def hull_area(inside: NDArray[np.bool_]) -> float:
     """Area in cells of the convex hull of the inside cells (Andrew's monotone chain)."""
     nx, ny = inside.shape
-    ends = np.empty((4 * nx, 2), dtype=np.int64)
-    count = 0
+    low = np.full(nx + 1, ny + 1)
+    high = np.full(nx + 1, -1)
     for x in range(nx):
-        low, high = ny, -1
         for y in range(ny):
             if inside[x, y]:
-                low, high = min(low, y), y
-        if high >= 0:  # the four corners of the row's span, in rising order of x, then y
-            for k in range(4):
-                ends[count, 0] = x + k // 2
-                ends[count, 1] = low if k % 2 == 0 else high + 1
-                count += 1
-    if count == 0:
-        return 0.0
-    keys = ends[:count, 0] * (ny + 2) + ends[:count, 1]
-    order = np.argsort(keys)
-    hull = np.empty((2 * count + 2, 2), dtype=np.int64)
-    size = 0
-    for way in range(2):
-        base = size
-        for j in range(count):
-            p = ends[order[j if way == 0 else count - 1 - j]]
-            while size - base >= 2:
-                a, b = hull[size - 2], hull[size - 1]
-                if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0:
+                for line in range(x, x + 2):  # the two grid lines that bound the cell
+                    low[line] = min(low[line], y)
+                    high[line] = max(high[line], y + 1)
+    hull = np.empty((2 * nx + 4, 2), dtype=np.int64)
+    doubled = 0
+    for side in range(2):  # the chain of the low ends, then that of the high ends
+        size = 0
+        for j in range(nx + 1):
+            x = j if side == 0 else nx - j
+            y = low[x] if side == 0 else high[x]
+            if high[x] < 0:
+                continue
+            while size >= 2:
+                ax, ay = hull[size - 2, 0], hull[size - 2, 1]
+                bx, by = hull[size - 1, 0], hull[size - 1, 1]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
                     break
                 size -= 1
-            hull[size] = p
+            hull[size, 0] = x
+            hull[size, 1] = y
             size += 1
-        size -= 1  # the next chain starts with this corner
-    doubled = 0
-    for j in range(size):
-        a, b = hull[j], hull[(j + 1) % size]
-        doubled += a[0] * b[1] - a[1] * b[0]
+        for j in range(size - 1):
+            doubled += hull[j, 0] * hull[j + 1, 1] - hull[j, 1] * hull[j + 1, 0]
+        if size > 0:  # across, from where one chain ends to where the other starts
+            x = hull[size - 1, 0]
+            before = hull[size - 1, 1]
+            after = high[x] if side == 0 else low[x]
+            doubled += x * after - before * x
     return abs(doubled) / 2.0
