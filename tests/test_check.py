@@ -11,6 +11,7 @@ from helpers import TABLE_M, drawn, item, laid, seen
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.errors import GripperError
 from boxgrasp.frames import invert, transform
+from boxgrasp.hidden import unseen_shares
 from boxgrasp.scene import SceneConfig, find_scene
 from boxgrasp.simulate import TableScene, option_truth
 from boxgrasp.target import find_target
@@ -100,6 +101,20 @@ def test_distances_are_finite_and_capped(seed: int) -> None:
         for value in (option.seen_m, option.unseen_m, option.approach_m):
             assert 0.0 <= value <= 0.5
         assert -0.5 <= option.support_m <= 0.5
+
+
+def test_share_of_unseen_space_does_not_hang_on_rounding() -> None:
+    """The default hand grown by 2 cm ends at 10.5 cm, where cells of 3 cm have their centres."""
+    steps = (np.arange(-6, 6) + 0.5) * 0.03
+    centres = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    centres = centres[centres[:, 1] > 0]
+    hand = np.array([[0.0, 0.0, 1.0, 0.0, 0.11, 0.085, -0.035, 0.035]])
+    shares = []
+    for off in (-1e-9, 0.0, 1e-9):
+        moved = hand + np.array([0.0, off, 0, 0, 0, 0, 0, 0])
+        shares.append(unseen_shares(moved, centres, 0.03, 0.02)[0])
+    assert max(shares) - min(shares) < 1e-6
+    assert shares[1] == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_wide_target_asks_and_says_so() -> None:

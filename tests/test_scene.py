@@ -42,8 +42,6 @@ def height_errors(scene: Scene) -> np.ndarray:
 # The support plane
 
 
-TILTED = "without a transform a slanted plane through the objects can win over the table"
-FLOOR = "with little on the table, the floor can win over it"
 THIN = "surfaces seen at a slant leave gaps in the split's 4 mm plan, which cut a thing in two"
 
 
@@ -58,11 +56,9 @@ def test_plane_of_cast_scenes(seed: int) -> None:
 
 
 @pytest.mark.parametrize("noisy", [False, True])
-@pytest.mark.parametrize("seeds", [range(1, 3), range(4, 8), pytest.param(
-    range(40), marks=pytest.mark.xfail(reason=TILTED, strict=True))])  # fmt: skip
-def test_plane_without_a_transform_is_the_same_plane(seeds: range, noisy: bool) -> None:
+def test_plane_without_a_transform_is_the_same_plane(noisy: bool) -> None:
     wrong = []
-    for seed in seeds:
+    for seed in range(40):
         scene = drawn(seed)
         given = seen(scene, seed if noisy else None)
         found = find_scene(Capture(given.depth, given.intrinsics), (), SceneConfig())
@@ -80,10 +76,7 @@ def test_plane_without_a_transform_is_the_same_plane(seeds: range, noisy: bool) 
     assert not wrong
 
 
-@pytest.mark.parametrize(
-    "noise",
-    [pytest.param(k, marks=pytest.mark.xfail(reason=FLOOR, strict=True)) for k in (None, 0, 1)],
-)
+@pytest.mark.parametrize("noise", [None, 0, 1])
 def test_the_floor_does_not_carry_the_table(noise: int | None) -> None:
     """A 2 cm pack alone, seen from 1.2 m at a slant with the floor around the table."""
     low = {"position": [-0.3, 0.0, 1.40], "gaze": [0.85, 0.0, 0.85]}
