@@ -102,7 +102,9 @@ def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
 
     def extents_at(yaws: Floats) -> Floats:
         cut = _cut(footprint, config)
-        return extents_over_yaws(footprint, yaws, cut, config.slab_m, config.slab_share)
+        # The corners of a turned thing are sparse too, and the thesis's box holds them.
+        share = 0.0 if config.fit == "aligned" else config.slab_share
+        return extents_over_yaws(footprint, yaws, cut, config.slab_m, share)
 
     straight = extents_at(np.zeros(1))
     if config.fit == "aligned":

@@ -24,6 +24,7 @@ Corner = tuple[float, float, float]
 
 _OBSTACLES_BEYOND_M = 0.6
 _SPECK = 8
+_FARTHEST_M = 1000.0  # cells are numbered in 21 bits
 _BORDER_PX = 3
 
 
@@ -160,6 +161,11 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         found = np.vstack((found, _scan_over(scan, T_base_table, config)))
     if len(found) == 0:
         raise SceneError("nothing stands on the support plane; valid: at least one object in view")
+    if float(np.abs(found).max()) > _FARTHEST_M:
+        raise SceneError(
+            f"points lie {np.abs(found).max() / 1000:.1f} km from the frame's origin; valid: "
+            f"within {_FARTHEST_M / 1000:g} km"
+        )
     voxels, voxel_of = voxel_centroids(found, config.voxel_m)
     keep = _inliers(voxels, eye, config)
     labels = np.full(len(voxels), -1, dtype=np.int64)

@@ -110,7 +110,7 @@ class Selection:
             raise BoxgraspError(f"not an answer: schema is {found!r}; valid: {SCHEMA}")
         try:
             box = _build(BoxReport, data.pop("box"))
-            options = tuple(_build(OptionReport, option) for option in data.pop("options"))
+            options = tuple(_build(OptionReport, option) for option in _listed(data, "options"))
             selection: Selection = _build(Selection, {**data, "box": box, "options": options})
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BoxgraspError(f"not an answer: {' '.join(str(error).split())}") from None
@@ -135,9 +135,16 @@ def _build(kind: type[Any], data: dict[str, Any]) -> Any:
     return kind(**{key: _array_or_same(key, value) for key, value in data.items()})
 
 
+def _listed(data: dict[str, Any], key: str) -> list[Any]:
+    value = data.pop(key)
+    if not isinstance(value, list):
+        raise ValueError(f"{key} is no list")
+    return value
+
+
 def _array_or_same(key: str, value: Any) -> Any:
     if key == "warnings":
-        return tuple(value)
+        return tuple(_listed({key: value}, key))
     if isinstance(value, list):
         array = np.array(value, dtype=np.float64)
         valid = {"position_m": (3,), "dimensions_m": (3,), "quaternion_xyzw": (4,)}

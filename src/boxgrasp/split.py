@@ -26,7 +26,8 @@ from boxgrasp.kernels.plan import (
 )
 
 _CELL_M = 0.004
-_CELL_UP_TO_M = 0.95  # range up to which a level top fills such cells
+_MOST_CELL_M = 0.010
+_GAP_CELLS = 1.25  # a cell holds at least so many rows of pixels
 _STEP_M = 0.008
 _TINT_STEP = 0.10
 _RAGGED = 3  # neighbours of a smooth cell that may be missing or a step away
@@ -62,13 +63,21 @@ def split_clusters(
             continue
         own = np.ascontiguousarray(points[rows])
         cell_m = _CELL_M
-        if eye is not None:  # a farther top is seen by fewer pixels
-            cell_m *= max(1.0, float(np.linalg.norm(own.mean(axis=0) - eye)) / _CELL_UP_TO_M)
+        if eye is not None:
+            cell_m = max(cell_m, _GAP_CELLS * _row_gap_m(own, eye))
         pieces = _pieces(own, np.ascontiguousarray(tints[rows]), cell_m)
         for piece in range(1, int(pieces.max()) + 1):
             parted[rows[pieces == piece]] = following
             following += 1
     return parted
+
+
+def _row_gap_m(points: Points, eye: Floats) -> float:
+    """How far apart the rows of a 525 px camera fall on a level top of these points."""
+    middle = points.mean(axis=0, dtype=np.float64)
+    away = float(np.sum((middle - eye) ** 2))
+    over = max(float(eye[2] - points[:, 2].max()), 0.05)
+    return min(away / (525.0 * over), _MOST_CELL_M / _GAP_CELLS)
 
 
 def _tints(points: Points, colours: Points | None) -> Points:

@@ -20,6 +20,7 @@ _COARSE_M = 0.015
 _FINE_M = 0.008
 _CARRIED_M = (0.015, 0.30)
 _CELL_M = 0.05
+_UNDER_SHARE = 0.6
 _FAIR_SHARE = 0.3
 _FEWEST_CARRIED = 4
 _LEAST_PATCH_M2 = 0.05
@@ -71,7 +72,9 @@ def find_support_plane(
         plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M))
         if plane is None or not _plausible(plane[None], up)[0]:
             plane = proposals[best]
-        elif not any(_alike(found[None], plane, sample)[0] for _, found in candidates):
+        elif _opaque(plane, sample) and not any(
+            _alike(found[None], plane, sample)[0] for _, found in candidates
+        ):
             candidates.append((int(votes[best]), plane))
         rest = ~_alike(proposals, plane, sample)
         rest[best] = False
@@ -107,6 +110,14 @@ def _alike(planes: Floats, plane: Floats, sample: Points) -> NDArray[np.bool_]:
     middle = np.median(on, axis=0) if len(on) else -plane[:3] * plane[3]
     off = np.abs(planes[:, :3] @ middle + planes[:, 3])
     return np.asarray((planes[:, :3] @ plane[:3] > _ALIKE) & (off < 2 * _COARSE_M))
+
+
+def _opaque(plane: Floats, sample: Points) -> bool:
+    """Whether points stop at the plane: just under it there are far fewer than on it."""
+    heights = sample @ plane[:3].astype(np.float32) + np.float32(plane[3])
+    on = np.count_nonzero(np.abs(heights) < _FINE_M)
+    under = np.count_nonzero((heights <= -_FINE_M) & (heights > -3 * _FINE_M))
+    return bool(under < _UNDER_SHARE * on)
 
 
 def support_frame(plane: Plane, optical: bool) -> Floats:
