@@ -87,13 +87,7 @@ SCENES = {
 }
 
 
-CHANCE = pytest.mark.xfail(reason="a plane by chance among random depths", strict=True)
-
-
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(case, marks=CHANCE if case == "random points" else ()) for case in SCENES],
-)
+@pytest.mark.parametrize("case", SCENES)
 def test_no_plane_or_nothing_on_it(case: str) -> None:
     refused(SceneError, lambda: SELECTOR.select(SCENES[case](), Target(object=1)))
     refused(SceneError, lambda: SELECTOR.objects(SCENES[case]()))

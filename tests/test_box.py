@@ -53,13 +53,10 @@ def test_aligned_box_holds_the_points_along_the_base(
     low, high = points.min(axis=0), points.max(axis=0)
     # Few points lie at the tips of a turned footprint: there the box may be tighter, as for strays.
     assert (box.dimensions_m[:2] <= (high - low)[:2] + 0.0011).all()
-    assert (box.dimensions_m[:2] >= 0.75 * (high - low)[:2] - 0.003).all()
+    assert (box.dimensions_m[:2] >= (high - low)[:2] - 0.014).all()
     assert box.dimensions_m[2] == pytest.approx(sizes[2], abs=1e-5)
 
 
-@pytest.mark.xfail(
-    reason="the tips of a turned footprint are cut as if they were strays", strict=True
-)
 @pytest.mark.parametrize("yaw", [17.0, -25.0])
 def test_aligned_box_loses_no_corner(yaw: float) -> None:
     """The thesis takes the plain minimum and maximum; strays may cost 1.4 cm, not 5."""

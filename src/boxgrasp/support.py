@@ -100,6 +100,11 @@ def find_support_plane(
     plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M, _FINE_M))
     if plane is None:
         plane = chosen
+    if not _opaque(plane, dense):
+        raise SceneError(
+            "no support plane found: points lie under the best one as on it; valid: a view with a "
+            "level surface under the objects"
+        )
     return Plane(readonly(plane[:3].copy()), float(plane[3]))
 
 
