@@ -24,6 +24,7 @@ Corner = tuple[float, float, float]
 
 _OBSTACLES_BEYOND_M = 0.6
 _SPECK = 8
+_MOST_VOXELS = 1_000_000
 _FARTHEST_M = 1000.0  # cells are numbered in 21 bits
 _BORDER_PX = 3
 
@@ -167,6 +168,11 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
             f"within {_FARTHEST_M / 1000:g} km"
         )
     voxels, voxel_of = voxel_centroids(found, config.voxel_m)
+    if len(voxels) > _MOST_VOXELS:
+        raise SceneError(
+            f"{len(voxels)} voxels stand over the support plane; valid: up to {_MOST_VOXELS} "
+            "(a smaller scene.far_m or a larger scene.voxel_m)"
+        )
     keep = _inliers(voxels, eye, config)
     labels = np.full(len(voxels), -1, dtype=np.int64)
     if keep.any():
