@@ -1,6 +1,4 @@
-"""Four ways to say which object is meant; all of them name the same one here."""
-
-import numpy as np
+"""Five ways to say which object is meant; all of them name the same one here."""
 
 from boxgrasp import GraspSelector, Target
 from boxgrasp.simulate import demo_capture
@@ -8,19 +6,19 @@ from boxgrasp.simulate import demo_capture
 view = demo_capture()
 selector = GraspSelector()
 
-for item in selector.objects(view):
-    print(f"object {item.number}: centre {item.centre_m}, size {item.size_m}, at {item.pixel}")
+objects = selector.objects(view)
+for item in objects:
+    print(f"object {item.number}: size {item.size_m.round(3)} m, at pixel {item.pixel}")
 
-u, v = view.target_pixel
-by_pixel = selector.select(view, Target(pixel=(u, v)))
-box = by_pixel.box.T_base_box[:3, 3]
-
-nearest = min(
-    selector.objects(view), key=lambda item: float(np.linalg.norm((item.centre_m - box)[:2]))
-)
-by_number = selector.select(view, Target(object=nearest.number))
-by_own = selector.select(view)  # the capture's own mask or pixel
-
-for name, selection in (("pixel", by_pixel), ("number", by_number), ("own", by_own)):
-    print(f"by {name}: box at {selection.box.T_base_box[:3, 3].round(3)}")
-assert by_pixel.label == by_number.label == by_own.label
+largest = max(objects, key=lambda item: item.points)
+red = (view.rgb[..., 0] > 2.0 * view.rgb[..., 1]) & (view.rgb[..., 0] > 2.0 * view.rgb[..., 2])
+ways = {
+    "number": Target(object=largest.number),
+    "pixel": Target(pixel=largest.pixel),
+    "point": Target(point=(0.80, -0.02, 0.88)),  # base frame, m, within 3 cm of it
+    "mask": Target(mask=red),  # stands for your own segmentation; a mask always wins
+    "own": None,  # the capture's own mask, else its own pixel
+}
+for name, target in ways.items():
+    box = selector.select(view, target).box
+    print(f"by {name}: {box.dimensions_m.round(3)} m at {box.T_base_box[:3, 3].round(3)}")

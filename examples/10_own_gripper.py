@@ -1,0 +1,18 @@
+"""Another hand: a mapping or a YAML file; keys that are left out keep their defaults."""
+
+from boxgrasp import GraspSelector
+from boxgrasp.simulate import demo_capture
+
+small = {
+    "length_m": 0.16,  # box of the hand with its fingers open, along the approach
+    "width_m": 0.11,  # along the finger opening
+    "thickness_m": 0.06,
+    "opening_m": 0.08,
+    "reach_past_face_m": 0.02,  # the fingers pass the face by this much
+    "T_gripper_tcp": [[1, 0, 0, 0.08], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+}
+view = demo_capture()
+for name, config in (("default", {}), ("small", {"gripper": small})):
+    selection = GraspSelector(config).select(view)
+    passing = [option.label for option in selection.options if option.rejected is None]
+    print(f"{name} hand: {selection.status}, label {selection.label}, passing {passing}")
