@@ -182,11 +182,10 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     colours = _voxel_colours(capture, pixels, above, voxel_of[:first], len(voxels))
     if config.segmentation == "split":
         labels = split_clusters(voxels, labels, colours, eye)
-    patch = patch_over(points, T_source_table, voxels)
-    labels = np.where(labels < 0, -1, labels)
+    over = patch_over(points, T_source_table, _middles(voxels, labels))
     points_base = transform(T_base_table, voxels)
     numbers, objects = _number(
-        points_base, labels, patch, None if T_base_camera is None else T_base_camera[:3, 3], config
+        points_base, labels, over, None if T_base_camera is None else T_base_camera[:3, 3], config
     )
     alive = labels >= 0
     row = np.where(alive, np.cumsum(alive) - 1, -1)
@@ -267,17 +266,16 @@ def scan_pose(scan: Capture) -> Floats:
 def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray[np.bool_]:
     """Statistical trimming: mean neighbour distance within sigma of the usual, at its range.
 
-    What is usual is measured on every eighth point; the others are measured only as far as it
-    takes to tell on which side of the limit they lie.
+    What is usual is measured in every eighth cell; the others are measured only as far as it
+    takes to tell on which side of the limit their points lie.
     """
     spread = np.full(len(voxels), config.voxel_m, dtype=np.float32)
     if eye is not None:  # a farther surface is sampled more thinly: a pixel at 525 px
-        ranges = np.linalg.norm(voxels - eye.astype(np.float32), axis=1)
-        spread = np.maximum(spread, ranges / np.float32(525))
+        off = voxels - eye.astype(np.float32)
+        spread = np.maximum(spread, np.sqrt(np.einsum("ij,ij->i", off, off)) / np.float32(525))
     neighbours = Neighbours(voxels, config.outlier_neighbours, 2.4 * float(np.median(spread)))
-    measured = np.full(len(voxels), np.inf, dtype=np.float32)
-    measured[::8] = 0
-    usual = neighbours.means(measured)[::8] / spread[::8]
+    measured = neighbours.means(np.zeros(len(voxels), dtype=np.float32), cell_step=8)
+    usual = (measured / spread)[np.isfinite(measured)]
     limit = float(usual.mean(dtype=np.float64) + config.outlier_sigma * usual.std(dtype=np.float64))
     limits = np.float32(max(limit, 1.5 * float(np.median(usual)))) * spread
     return np.asarray(neighbours.means(limits) <= limits)
@@ -305,21 +303,33 @@ def _voxel_colours(
         ).astype(np.float32)
 
 
+def _middles(voxels: Points, labels: NDArray[np.int64]) -> Points:
+    """(C, 3) mean of the voxels of each cluster, in the table frame."""
+    own = labels >= 0
+    count = np.maximum(np.bincount(labels[own]), 1)
+    return np.column_stack(
+        [np.bincount(labels[own], voxels[own, k]) / count for k in range(3)]
+    ).astype(np.float32)
+
+
 def _number(
     points: Points,
     labels: NDArray[np.int64],
-    patch: NDArray[np.bool_],
+    over: NDArray[np.bool_],
     eye: Floats | None,
     config: SceneConfig,
 ) -> tuple[NDArray[np.int64], list[SceneObject]]:
-    """Object numbers (K,) from the nearest, 0 for what is no object, and the objects."""
+    """Object numbers (K,) from the nearest, 0 for what is no object, and the objects.
+
+    over: (C,) whether each cluster stands over the part of the plane that was seen.
+    """
     order = np.argsort(labels, kind="stable")
     starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
     origin = eye if eye is not None else np.zeros(3)
     candidates = []
     for k in range(len(starts) - 1):
         rows = order[starts[k] : starts[k + 1]]
-        if len(rows) < config.least_points or 2 * np.count_nonzero(patch[rows]) < len(rows):
+        if len(rows) < config.least_points or not over[k]:
             continue
         own = points[rows]
         middle = own.mean(axis=0, dtype=np.float64)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from boxgrasp.frames import Floats, Points
 from boxgrasp.kernels.plan import (
     borders,
+    filled,
     grow,
     hull_area,
     inward,
@@ -95,7 +96,7 @@ def _pieces(points: Points, tints: Points, cell_m: float) -> Labels:
     inside = np.isfinite(top)
     ground = _ground(top, tint, np.inf, least)
     label = _joined(grow(ground, inside), *_tops(ground, top))
-    if np.isfinite(tint).any():
+    if np.isfinite(tint).any() and not _plain(tint):
         coloured = _ground(top, tint, _TINT_STEP, least)
         if _even(coloured, ground, tint):
             ground = coloured
@@ -116,18 +117,14 @@ def _ground(top: Points, tint: Points, tint_step: float, least: int) -> Labels:
     label = patches(smooth, top, tint, _STEP_M, tint_step)
     broad = np.bincount(label[smooth], minlength=1) >= least
     for k in np.flatnonzero(broad).tolist():  # a wall seen aslant is long, but no ground to stand
-        broad[k] = inward(_filled(label == k)).max() >= _BROAD
+        broad[k] = inward(filled(label == k)).max() >= _BROAD
     names = np.where(broad, np.cumsum(broad) - 1, -1)
     return np.where(smooth, names[np.maximum(label, 0)], -1)
 
 
-def _filled(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The patch with the holes that drop-outs leave in it: cells most of whose ring is patch."""
-    ring = np.zeros(patch.shape, dtype=np.int64)
-    for dx in (-1, 0, 1):
-        for dy in (-1, 0, 1):
-            ring += np.roll(patch, (dx, dy), (0, 1))  # the rim of a plan is empty
-    return patch | (ring >= 5)
+def _plain(tint: Points) -> bool:
+    """Whether the whole plan has one colour, as most things have."""
+    return float(np.nanstd(tint, axis=(0, 1)).max()) <= _EVEN_TINT
 
 
 def _give_to_nearest(points: Points, pieces: Labels, rough: NDArray[np.bool_]) -> None:

@@ -93,11 +93,12 @@ def find_support_plane(
         noise_m, within = axial_noise_m(ranges), ranges <= far_m
     carried = [_carried(sample, within, noise_m, plane) for _, plane in candidates]
     chosen = _choose(candidates, carried)
-    dense = np.array(points[:: max(1, len(points) // 60_000)])
+    dense = np.array(points[:: max(1, len(points) // 20_000)])
     if eye is not None:  # a second table behind may be level with this one, but not quite
-        near = np.sum((dense - eye.astype(np.float32)) ** 2, axis=1) <= far_m**2
+        off = dense - eye.astype(np.float32)
+        near = np.einsum("ij,ij->i", off, off) <= far_m**2
         dense = dense[near] if np.count_nonzero(near) > 1000 else dense
-    plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M, _FINE_M))
+    plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M))
     if plane is None:
         plane = chosen
     if not _opaque(plane, dense):
@@ -221,7 +222,7 @@ def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray
 
     points: (N, 3) of the view in the source frame.
     """
-    local = transform(invert(T_source_table), points[:: max(1, len(points) // 5_000)])
+    local = transform(invert(T_source_table), points[:: max(1, len(points) // 4_000)])
     return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above, margin=3)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,6 @@ from boxgrasp.kernels._threads import run_chunks
 
 _BIAS = 1 << 20
 _MASK = (1 << 21) - 1
-_OUTWARD = (0, -1, 1)
 
 
 @jit
@@ -159,68 +160,70 @@ def neighbour_means(
     value: NDArray[np.int64],
     order: NDArray[np.int64],
     start: NDArray[np.int64],
+    around: NDArray[np.int64],
     reach_m: float,
-    neighbours: int,
     enough: Points,
+    best: Points,
     means: Points,
     first: int,
     last: int,
+    step: int,
 ) -> None:
-    """Fill the means of the points in cells [first, last); the cells' edge is the reach.
+    """Fill the means of the points in every step-th cell of [first, last).
 
-    A point with all its neighbours within its own `enough` (N,) is not measured further: its
-    mean is no more than that, which is noted as 0.
+    around: (27, 3) a cell and its neighbours, nearest first; their edge is the reach. best: room
+    for (points of one cell, neighbours). A point all of whose neighbours are nearer than its own
+    `enough` (N,) is not measured further; its mean is noted as 0.
     """
     far = np.float32(reach_m * reach_m)
-    nearest = np.empty(neighbours, dtype=np.float32)
-    near = np.empty((1024, 3), dtype=np.float32)
-    for a in range(first, last):
-        kx, ky, kz = keys[a] >> 42, (keys[a] >> 21) & _MASK, keys[a] & _MASK
-        count = 0
-        for x0 in range(3):  # own cell first: its points are near and shut out most others
-            for y0 in range(3):
-                for z0 in range(3):
-                    dx, dy, dz = _OUTWARD[x0], _OUTWARD[y0], _OUTWARD[z0]
-                    at = _slot(table, ((kx + dx) << 42) | ((ky + dy) << 21) | (kz + dz))
-                    if table[at] == -1:
-                        continue
-                    b = value[at]
-                    if count + start[b + 1] - start[b] > near.shape[0]:
-                        wider = np.empty((2 * (count + start[b + 1] - start[b]), 3), np.float32)
-                        for q in range(count):
-                            for k in range(3):
-                                wider[q, k] = near[q, k]
-                        near = wider
-                    for p in range(start[b], start[b + 1]):
-                        for k in range(3):
-                            near[count, k] = points[order[p], k]
-                        count += 1
-        for p in range(start[a], start[a + 1]):
-            i = order[p]
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+    neighbours = best.shape[1]
+    for a in range(first, last, step):
+        base = start[a]
+        pending = start[a + 1] - base
+        for p in range(pending):
             for k in range(neighbours):
-                nearest[k] = far
-            selves = 0
-            near_enough = enough[i] * enough[i]
-            for q in range(count):
-                x, y, z = near[q, 0] - px, near[q, 1] - py, near[q, 2] - pz
-                d = x * x + y * y + z * z
-                if d < nearest[neighbours - 1]:
-                    if d == 0 and selves == 0:
-                        selves = 1
+                best[p, k] = far
+        for cell in range(around.shape[0]):
+            shift = (around[cell, 0] << 42) + (around[cell, 1] << 21) + around[cell, 2]
+            at = _slot(table, keys[a] + shift)
+            if table[at] == -1:
+                continue
+            b = value[at]
+            for p in range(start[a + 1] - base):
+                i = order[base + p]
+                near_enough = enough[i] * enough[i]
+                if best[p, neighbours - 1] < near_enough:
+                    continue
+                for q in range(start[b], start[b + 1]):
+                    j = order[q]
+                    if j == i:
                         continue
-                    k = neighbours - 1
-                    while k > 0 and nearest[k - 1] > d:
-                        nearest[k] = nearest[k - 1]
-                        k -= 1
-                    nearest[k] = d
-                    if nearest[neighbours - 1] < near_enough:
-                        break
+                    x = points[i, 0] - points[j, 0]
+                    y = points[i, 1] - points[j, 1]
+                    z = points[i, 2] - points[j, 2]
+                    d = x * x + y * y + z * z
+                    if d < best[p, neighbours - 1]:
+                        k = neighbours - 1
+                        while k > 0 and best[p, k - 1] > d:
+                            best[p, k] = best[p, k - 1]
+                            k -= 1
+                        best[p, k] = d
+                if best[p, neighbours - 1] < near_enough:
+                    pending -= 1
+            if pending == 0:
+                break
+        for p in range(start[a + 1] - base):
+            i = order[base + p]
             total = 0.0
-            if nearest[neighbours - 1] >= near_enough:
+            if best[p, neighbours - 1] >= enough[i] * enough[i]:
                 for k in range(neighbours):
-                    total += np.sqrt(float(nearest[k]))
+                    total += np.sqrt(float(best[p, k]))
             means[i] = total / neighbours
+
+
+_AROUND = np.array(
+    sorted(itertools.product((-1, 0, 1), repeat=3), key=lambda cell: sum(map(abs, cell)))
+)
 
 
 class Neighbours:
@@ -230,21 +233,25 @@ class Neighbours:
         member, self._keys, self._table, self._value = group_by_cell(points, reach_m)
         self._order, self._start = bucket(member, self._keys.shape[0])
         self._points, self._neighbours, self._reach_m = points, neighbours, reach_m
+        self._fullest = int(np.diff(self._start).max(initial=1))
 
-    def means(self, enough_m: Points) -> Points:
+    def means(self, enough_m: Points, cell_step: int = 1) -> Points:
         """(N,) mean distance to the nearest neighbours; those beyond reach count as reach.
 
-        enough_m: (N,) where a point's neighbours are all nearer than this, 0 comes out.
+        enough_m: (N,) where a point's neighbours are all nearer than this, 0 comes out. Of the
+        cells only every `cell_step`-th is measured; NaN elsewhere.
         """
-        means = np.empty(len(self._points), dtype=np.float32)
+        means = np.full(len(self._points), np.nan, dtype=np.float32)
 
         def work(first: int, last: int) -> None:
+            first += -first % cell_step
+            best = np.empty((self._fullest, self._neighbours), dtype=np.float32)
             neighbour_means(
                 self._points, self._keys, self._table, self._value, self._order, self._start,
-                self._reach_m, self._neighbours, enough_m, means, first, last,
+                _AROUND, self._reach_m, enough_m, best, means, first, last, cell_step,
             )  # fmt: skip
 
-        run_chunks(work, self._keys.shape[0], smallest=500)
+        run_chunks(work, self._keys.shape[0], smallest=500 * cell_step)
         return means
 
 

@@ -139,6 +139,23 @@ def borders(label: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 
 @jit
+def filled(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The patch with the holes that drop-outs leave in it: cells most of whose ring is patch."""
+    nx, ny = patch.shape
+    whole = patch.copy()
+    for x in range(1, nx - 1):
+        for y in range(1, ny - 1):
+            ring = 0
+            for dx in range(-1, 2):
+                for dy in range(-1, 2):
+                    if patch[x + dx, y + dy]:
+                        ring += 1
+            if ring >= 5:
+                whole[x, y] = True
+    return whole
+
+
+@jit
 def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(nx, ny) steps (8-neighbour) from each inside cell to the outside; 0 outside."""
     nx, ny = inside.shape

@@ -119,3 +119,25 @@ def cells_to_uprights(
                 )
             best[m] = min(best[m], np.sqrt(gap + w * w))
     return best
+
+
+@jit
+def filled_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) -> Floats:
+    """(M,) share of each box, grown on every side, in (K,) cubes with sides along its own."""
+    shares = np.zeros(boxes.shape[0])
+    half = edge_m / 2
+    for m in range(boxes.shape[0]):
+        c, s = boxes[m, 2], boxes[m, 3]
+        along, across = boxes[m, 4] + grow_m, boxes[m, 5] + grow_m
+        low, high = boxes[m, 6] - grow_m, boxes[m, 7] + grow_m
+        held = 0.0
+        for i in range(centres.shape[0]):
+            dx, dy = centres[i, 0] - boxes[m, 0], centres[i, 1] - boxes[m, 1]
+            u, v, z = dx * c + dy * s, dy * c - dx * s, centres[i, 2]
+            a = min(along, u + half) - max(-along, u - half)
+            b = min(across, v + half) - max(-across, v - half)
+            h = min(high, z + half) - max(low, z - half)
+            if a > 0.0 and b > 0.0 and h > 0.0:
+                held += a * b * h
+        shares[m] = min(1.0, held / (4.0 * along * across * (high - low)))
+    return shares
