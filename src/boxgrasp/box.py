@@ -18,6 +18,7 @@ _COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
 _FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
 _LEAST_M = 0.005
 _FEWEST_CUT = 2
+_SEARCHED = 1500
 
 
 @dataclass(frozen=True)
@@ -96,31 +97,35 @@ def _cut(points: Array, config: BoxConfig) -> int:
 
 def _turn(footprint: Floats, config: BoxConfig) -> tuple[float, Floats]:
     """Yaw and extents (4,) of the footprint: straight, unless turning shrinks it enough."""
-
-    def area(extents: Floats) -> Floats:
-        return np.asarray((extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2]))
-
-    def extents_at(yaws: Floats) -> Floats:
-        cut = _cut(footprint, config)
-        # The corners of a turned thing are sparse too, and the thesis's box holds them.
-        share = 0.0 if config.fit == "aligned" else config.slab_share
-        return extents_over_yaws(footprint, yaws, cut, config.slab_m, share)
-
-    straight = extents_at(np.zeros(1))
+    straight = _extents(footprint, np.zeros(1), config)
     if config.fit == "aligned":
         return 0.0, straight[0]
-    yaws = _COARSE
-    for _ in range(2):
-        extents = extents_at(yaws)
-        areas = area(extents)
-        ties = np.flatnonzero(areas <= areas.min() * (1 + 1e-9))
-        best = ties[np.argmin(np.abs(yaws[ties]))]
-        if yaws is _COARSE:
-            yaws = yaws[best] + _FINE
-    if areas[best] >= (1.0 - config.turn_gain) * area(straight)[0]:
+    # Every few points tell the turn as well; the extents then come from all.
+    some = np.ascontiguousarray(footprint[:: max(1, len(footprint) // _SEARCHED)])
+    yaw = _least_area(_COARSE, some, config)
+    yaw = _least_area(yaw + _FINE, some, config)
+    turned = _extents(footprint, np.array([yaw]), config)
+    if _areas(turned)[0] >= (1.0 - config.turn_gain) * _areas(straight)[0]:
         return 0.0, straight[0]
-    yaw = float(yaws[best])
     if not -np.pi / 4 < yaw <= np.pi / 4:  # the same rectangle, named from its other side
-        yaw -= np.copysign(np.pi / 2, yaw)
-        return yaw, extents_at(np.array([yaw]))[0]
-    return yaw, extents[best]
+        yaw -= float(np.copysign(np.pi / 2, yaw))
+        turned = _extents(footprint, np.array([yaw]), config)
+    return yaw, turned[0]
+
+
+def _extents(footprint: Floats, yaws: Floats, config: BoxConfig) -> Floats:
+    """(A, 4) extents of the footprint in axes turned by each yaw, strays left out."""
+    # The corners of a turned thing are sparse too, and the thesis's box holds them.
+    share = 0.0 if config.fit == "aligned" else config.slab_share
+    return extents_over_yaws(footprint, yaws, _cut(footprint, config), config.slab_m, share)
+
+
+def _areas(extents: Floats) -> Floats:
+    return np.asarray((extents[:, 1] - extents[:, 0]) * (extents[:, 3] - extents[:, 2]))
+
+
+def _least_area(yaws: Floats, footprint: Floats, config: BoxConfig) -> float:
+    """The yaw of the smallest rectangle, of equals the least turned."""
+    areas = _areas(_extents(footprint, yaws, config))
+    ties = np.flatnonzero(areas <= areas.min() * (1 + 1e-9))
+    return float(yaws[ties[np.argmin(np.abs(yaws[ties]))]])

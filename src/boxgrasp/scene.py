@@ -16,7 +16,7 @@ from boxgrasp.errors import SceneError
 from boxgrasp.frames import Floats, Points, invert, readonly, transform
 from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbours, euclidean_clusters, voxel_centroids
-from boxgrasp.split import split_clusters
+from boxgrasp.split import by_label, split_clusters
 from boxgrasp.support import Plane, find_support_plane, patch_over, support_frame
 
 Metres = Annotated[float, Meta(gt=0.0, le=20.0)]
@@ -323,7 +323,7 @@ def _number(
 
     over: (C,) whether each cluster stands over the part of the plane that was seen.
     """
-    order = np.argsort(labels, kind="stable")
+    order = by_label(labels)
     starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
     origin = eye if eye is not None else np.zeros(3)
     candidates = []

@@ -89,11 +89,11 @@ def _window(capture: Capture, scene: Scene, own: NDArray[np.bool_]) -> _Window |
     mask[v - v0, u - u0] = True
     # Rows of the view are in pixel order, so each image row is a slice of them.
     points = np.full((*mask.shape, 3), np.nan, dtype=np.float32)
-    for row in range(v0, v1):
-        ends = np.array((row * width + u0, row * width + u1), dtype=np.int32)
-        first, last = np.searchsorted(scene.pixels, ends)
-        at = scene.pixels[first:last] - (row * width + u0)
-        points[row - v0, at] = scene.source_points[first:last]
+    starts = (np.arange(v0, v1, dtype=np.int32) * width + u0).astype(np.int32)
+    firsts = np.searchsorted(scene.pixels, starts).tolist()
+    lasts = np.searchsorted(scene.pixels, starts + np.int32(u1 - u0)).tolist()
+    for row, (start, first, last) in enumerate(zip(starts, firsts, lasts, strict=True)):
+        points[row, scene.pixels[first:last] - start] = scene.source_points[first:last]
     R, t = scene.T_base_source[:3, :3], scene.T_base_source[:3, 3]
     points = points @ R.T.astype(np.float32) + t.astype(np.float32)
     assert scene.T_base_camera is not None
