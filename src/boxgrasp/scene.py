@@ -23,6 +23,7 @@ Metres = Annotated[float, Meta(gt=0.0, le=20.0)]
 Corner = tuple[float, float, float]
 
 _OBSTACLES_BEYOND_M = 0.6
+_NOTHING = "nothing stands on the support plane; valid: at least one object in view"
 _SPECK = 8
 _MOST_VOXELS = 1_000_000
 _FARTHEST_M = 1000.0  # cells are numbered in 21 bits
@@ -130,41 +131,97 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     Raises:
         SceneError: no support plane, nothing on it, or a scan whose place is unknown.
     """
+    # 1. The plane that carries the objects, and with it every frame.
     points, pixels = capture.valid_points()
-    optical = capture.cloud_frame == "optical"
-    T_given = capture.T_base_camera
-    up = None
-    if not optical:
-        up = np.array([0.0, 0.0, 1.0])
-    elif T_given is not None:
-        up = T_given[2, :3]
-    source_eye = None
-    if optical:
-        source_eye = np.zeros(3)
-    elif T_given is not None:
-        source_eye = T_given[:3, 3]
-    source_plane = find_support_plane(points, up, source_eye, config.far_m)
-    T_source_table = support_frame(source_plane, optical)
-    T_base_source = np.eye(4)
-    if optical:
-        T_base_source = np.array(T_given) if T_given is not None else invert(T_source_table)
-    T_base_camera = T_base_source if optical else T_given
-    T_base_table = T_base_source @ T_source_table
-
-    eye = (
-        None
-        if T_base_camera is None
-        else transform(invert(T_base_table), T_base_camera[None, :3, 3])[0]
-    )
-    found, above = _over(points, invert(T_source_table), eye, config)
+    place = _place(capture, points, config)
+    # 2. What stands over it, in voxels of the table's own frame.
+    found, above = _over(points, invert(place.T_source_table), place.eye_m, config)
     first = len(found)
     for scan in scans:
-        found = np.vstack((found, _scan_over(scan, T_base_table, config)))
+        found = np.vstack((found, _scan_over(scan, place.T_base_table, config)))
+    voxels, voxel_of = _voxels(found, config)
+    # 3. Clusters, and their parts where things stand closer.
+    colours = _voxel_colours(capture, pixels, above, voxel_of[:first], len(voxels))
+    labels = _clusters(voxels, colours, place.eye_m, config)
+    # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
+    over = patch_over(points, place.T_source_table, _middles(voxels, labels))
+    points_base = transform(place.T_base_table, voxels)
+    T_base_camera = place.T_base_camera
+    eye = None if T_base_camera is None else T_base_camera[:3, 3]
+    numbers, objects = _number(points_base, labels, over, eye, config)
+    if not objects:
+        raise SceneError(_NOTHING)
+    alive = labels >= 0
+    row = np.where(alive, np.cumsum(alive) - 1, -1)
+    if capture.shape is None:
+        pixels = np.arange(len(points), dtype=np.int32)
+    return Scene(
+        points=readonly(np.ascontiguousarray(points_base[alive])),
+        labels=readonly(numbers[alive]),
+        clusters=readonly(labels[alive]),
+        objects=tuple(objects),
+        plane=place.plane.moved(place.T_base_source),
+        frame=place.frame,
+        T_base_camera=None if T_base_camera is None else readonly(T_base_camera),
+        T_base_table=readonly(place.T_base_table),
+        shape=capture.shape,
+        pixels=readonly(pixels),
+        above=readonly(above),
+        voxel_of_above=readonly(row[voxel_of[:first]]),
+        source_points=points,
+        T_base_source=readonly(place.T_base_source),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """The plane in the view's own frame (source), and how the frames lie to each other."""
+
+    plane: Plane
+    T_source_table: Floats
+    T_base_source: Floats
+    T_base_table: Floats
+    T_base_camera: Floats | None
+    frame: str
+
+    @property
+    def eye_m(self) -> Floats | None:
+        """(3,) camera position in the table frame."""
+        if self.T_base_camera is None:
+            return None
+        place: Floats = transform(invert(self.T_base_table), self.T_base_camera[None, :3, 3])[0]
+        return place
+
+
+def _place(capture: Capture, points: Points, config: SceneConfig) -> _Place:
+    """Where the view lies: as given, or over the plane it sees (DESIGN: base frame)."""
+    optical = capture.cloud_frame == "optical"
+    given = capture.T_base_camera
+    up = np.array([0.0, 0.0, 1.0]) if not optical else None if given is None else given[2, :3]
+    eye = np.zeros(3) if optical else None if given is None else given[:3, 3]
+    plane = find_support_plane(points, up, eye, config.far_m)
+    T_source_table = support_frame(plane, optical)
+    T_base_source = np.eye(4)
+    if optical:
+        T_base_source = np.array(given) if given is not None else invert(T_source_table)
+    return _Place(
+        plane=plane,
+        T_source_table=T_source_table,
+        T_base_source=T_base_source,
+        T_base_table=T_base_source @ T_source_table,
+        T_base_camera=T_base_source if optical else given,
+        frame="support" if optical and given is None else "given",
+    )
+
+
+def _voxels(found: Points, config: SceneConfig) -> tuple[Points, NDArray[np.int64]]:
+    """(K, 3) voxel centroids of the points over the plane, and (P,) which voxel each is in."""
     if len(found) == 0:
-        raise SceneError("nothing stands on the support plane; valid: at least one object in view")
-    if float(np.abs(found).max()) > _FARTHEST_M:
+        raise SceneError(_NOTHING)
+    farthest = float(np.abs(found).max())
+    if farthest > _FARTHEST_M:
         raise SceneError(
-            f"points lie {np.abs(found).max() / 1000:.1f} km from the frame's origin; valid: "
+            f"points lie {farthest / 1000:.1f} km from the frame's origin; valid: "
             f"within {_FARTHEST_M / 1000:g} km"
         )
     voxels, voxel_of = voxel_centroids(found, config.voxel_m)
@@ -173,42 +230,22 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
             f"{len(voxels)} voxels stand over the support plane; valid: up to {_MOST_VOXELS} "
             "(a smaller scene.far_m or a larger scene.voxel_m)"
         )
+    return voxels, voxel_of
+
+
+def _clusters(
+    voxels: Points, colours: Points | None, eye: Floats | None, config: SceneConfig
+) -> NDArray[np.int64]:
+    """(K,) cluster of each voxel, -1 for outliers and specks."""
     keep = _inliers(voxels, eye, config)
     labels = np.full(len(voxels), -1, dtype=np.int64)
     if keep.any():
         labels[keep] = euclidean_clusters(np.ascontiguousarray(voxels[keep]), config.cluster_m)
     sizes = np.bincount(labels + 1, minlength=1)
     labels[sizes[labels + 1] < _SPECK] = -1
-    colours = _voxel_colours(capture, pixels, above, voxel_of[:first], len(voxels))
     if config.segmentation == "split":
-        labels = split_clusters(voxels, labels, colours, eye)
-    over = patch_over(points, T_source_table, _middles(voxels, labels))
-    points_base = transform(T_base_table, voxels)
-    numbers, objects = _number(
-        points_base, labels, over, None if T_base_camera is None else T_base_camera[:3, 3], config
-    )
-    alive = labels >= 0
-    row = np.where(alive, np.cumsum(alive) - 1, -1)
-    if not objects:
-        raise SceneError("nothing stands on the support plane; valid: at least one object in view")
-    return Scene(
-        points=readonly(np.ascontiguousarray(points_base[alive])),
-        labels=readonly(numbers[alive]),
-        clusters=readonly(labels[alive]),
-        objects=tuple(objects),
-        plane=source_plane.moved(T_base_source),
-        frame="support" if optical and T_given is None else "given",
-        T_base_camera=None if T_base_camera is None else readonly(T_base_camera),
-        T_base_table=readonly(T_base_table),
-        shape=capture.shape,
-        pixels=pixels
-        if capture.shape is not None
-        else readonly(np.arange(len(points), dtype=np.int32)),
-        above=readonly(above),
-        voxel_of_above=readonly(row[voxel_of[:first]]),
-        source_points=points,
-        T_base_source=readonly(T_base_source),
-    )
+        return split_clusters(voxels, labels, colours, eye)
+    return labels
 
 
 def _rows_of(values: NDArray[Any], among: NDArray[np.int32]) -> NDArray[np.int64]:
