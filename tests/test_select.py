@@ -143,6 +143,12 @@ def test_unchecked_takes_the_choosers_word(seed: int) -> None:
     assert found.config_hash != checked.config_hash
 
 
+def test_unchecked_keeps_to_the_allowed_faces() -> None:
+    config = {"unchecked": True, "options": {"faces": ["left"]}}
+    found = GraspSelector(config).select(seen(drawn(1), 1))
+    assert found.status == "grasp" and found.face == 1
+
+
 def test_unchecked_grasps_where_the_check_asks() -> None:
     capture = seen(laid(item("green_cube", 0.85, 0.0)), 0)
     hand = {"opening_m": 0.05}

@@ -18,7 +18,7 @@ from boxgrasp.frames import Floats, invert, make_transform, quaternion_xyzw, rea
 from boxgrasp.gripper import Gripper
 from boxgrasp.hidden import unexplained_cells
 from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_from_octomap
-from boxgrasp.options import Options, options_of
+from boxgrasp.options import FACES, Options, options_of
 from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 from boxgrasp.target import Target, find_target
@@ -129,7 +129,11 @@ class GraspSelector:
         order = preference.order.tolist()
         rank = np.argsort(preference.order)
         passing = verdict.passing
-        chosen = next((k for k in order if passing[k] or config.unchecked), None)
+        allowed = [FACES.index(face) + 1 for face in config.options.faces]
+        chosen = next(
+            (k for k in order if passing[k] or (config.unchecked and options.face[k] in allowed)),
+            None,
+        )
         rejected = [k for k in order if not passing[k]]
         best = min(rejected, key=lambda k: (verdict.short_m[k], rank[k]), default=None)
         reports = tuple(
