@@ -41,7 +41,7 @@ class OccupancyConfig:
     clamp_max: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.971
     occupied_above: Annotated[float, msgspec.Meta(ge=0.5, lt=1.0)] = 0.66
     free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.33
-    half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.42
+    half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.36
     height_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.54
     centre_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from boxgrasp.capture import Capture
 from boxgrasp.errors import SceneError
 from boxgrasp.frames import Floats, Points, invert, readonly, transform
+from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbours, euclidean_clusters, voxel_centroids
 from boxgrasp.split import by_label, split_clusters
@@ -260,21 +261,28 @@ def _over(
     points: Points, T_table_source: Floats, eye: Floats | None, config: SceneConfig
 ) -> tuple[Points, NDArray[np.int32]]:
     """(P, 3) points over the plane in the table frame, and their rows."""
-    found = np.empty((len(points), 3), dtype=np.float32)
-    rows = np.empty(len(points), dtype=np.int32)
     known = eye is not None
-    count = above_plane(
-        points,
-        T_table_source,
-        eye if eye is not None else np.zeros(3),
-        config.lowest_m if known else config.lowest_m + config.noise_gain * 0.002,
-        config.noise_gain if known else 0.0,
-        config.highest_m,
-        config.far_m + _OBSTACLES_BEYOND_M if known else 1e6,
-        found,
-        rows,
-    )
-    return found[:count], rows[:count]
+    parts: list[tuple[int, Points, NDArray[np.int32]]] = []
+
+    def work(first: int, last: int) -> None:
+        found = np.empty((last - first, 3), dtype=np.float32)
+        rows = np.empty(last - first, dtype=np.int32)
+        count = above_plane(
+            points[first:last],
+            T_table_source,
+            eye if eye is not None else np.zeros(3),
+            config.lowest_m if known else config.lowest_m + config.noise_gain * 0.002,
+            config.noise_gain if known else 0.0,
+            config.highest_m,
+            config.far_m + _OBSTACLES_BEYOND_M if known else 1e6,
+            found,
+            rows,
+        )
+        parts.append((first, found[:count], rows[:count] + np.int32(first)))
+
+    run_chunks(work, len(points), smallest=50_000)
+    parts.sort(key=lambda part: part[0])
+    return np.vstack([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
 
 
 def _scan_over(scan: Capture, T_base_table: Floats, config: SceneConfig) -> Points:

@@ -101,10 +101,12 @@ def _pieces(points: Points, tints: Points, cell_m: float) -> Labels:
     least = round(_LEAST_M2 / cell_m**2)
     inside = np.isfinite(top)
     ground = _ground(top, tint, np.inf, least)
-    label = _joined(grow(ground, inside), *_tops(ground, top))
+    label = np.where(inside, 0, -1)
+    if ground.max() > 0:
+        label = _joined(grow(ground, inside), *_tops(ground, top))
     if np.isfinite(tint).any() and not _plain(tint):
         coloured = _ground(top, tint, _TINT_STEP, least)
-        if _even(coloured, ground, tint):
+        if coloured.max() > 0 and _even(coloured, ground, tint):
             ground = coloured
             always = np.ones(int(coloured.max()) + 1, dtype=bool)
             label = _joined(grow(coloured, inside), always, always.astype(np.float64))
