@@ -7,9 +7,9 @@ is in truth off the table, fits and has a free approach: solvable (2.5 cm and mo
 1.5 cm), between. Shares with their Wilson 95 % intervals, for the package's segmentation and for
 the thesis's Euclidean one. A wrong box: a dimension off by more than 1.5 cm from the true box's.
 
-Seeds: streams 7, 8 and 555 were looked at while the defaults were chosen; the default here, 90210,
-was not. `--seed S` draws scene n from (S, n), whatever else is drawn; the worst are listed as
-numbers n, to be looked at with `_truth.judged(S, n)`.
+Seeds: streams 7, 8, 555, 424242, 90210 and 1717 were looked at while the defaults were chosen; the
+default here, 2718, was not. `--seed S` draws scene n from (S, n), whatever else is drawn; the worst
+are listed as numbers n, to be looked at with `_truth.judged(S, n)`.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--solvable", type=int, default=1000)
     parser.add_argument("--hopeless", type=int, default=300)
     parser.add_argument("--between", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=90210)
+    parser.add_argument("--seed", type=int, default=2718)
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
     counts = {name: getattr(args, name) for name in ("solvable", "hopeless", "between")}
