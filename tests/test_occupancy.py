@@ -341,14 +341,15 @@ def test_lattice_lies_above_the_support_and_covers_the_extent(s: float) -> None:
     local = build_local_map([], np.eye(4), config)
     top = local.lowest + np.array(local.shape) * s
     assert -0.05 < local.lowest[2] <= -0.05 + s + 0.002
-    assert (local.lowest[:2] <= -0.42 + 1e-9).all() and (top[:2] >= 0.42 - 1e-9).all()
+    reach = config.half_width_m
+    assert (local.lowest[:2] <= -reach + 1e-9).all() and (top[:2] >= reach - 1e-9).all()
     assert 0.49 - 1e-9 <= top[2] < 0.49 + s
     # Horizontal borders and vertical centres are multiples of the resolution.
     np.testing.assert_allclose(np.round(local.lowest[:2] / s) * s, local.lowest[:2], atol=1e-12)
     centre = local.lowest[2] + s / 2
     np.testing.assert_allclose(np.round(centre / s) * s, centre, atol=1e-12)
     if s == 0.03:
-        assert local.shape == (28, 28, 18)
+        assert local.shape == (24, 24, 18)
 
 
 def test_table_points_stay_out_of_the_lowest_layer() -> None:
