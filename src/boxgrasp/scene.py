@@ -195,7 +195,7 @@ class _Place:
 
 
 def _place(capture: Capture, points: Points, config: SceneConfig) -> _Place:
-    """Where the view lies: as given, or over the plane it sees (DESIGN: base frame)."""
+    """Where the view lies: as given, or over the plane it sees (docs/conventions.md)."""
     optical = capture.cloud_frame == "optical"
     given = capture.T_base_camera
     up = np.array([0.0, 0.0, 1.0]) if not optical else None if given is None else given[2, :3]

@@ -129,7 +129,7 @@ def _opaque(plane: Floats, sample: Points) -> bool:
 def support_frame(plane: Plane, optical: bool) -> Floats:
     """T_source_table: z = normal, z = 0 on the plane, origin below the source's origin.
 
-    x is the optical axis laid on the plane (DESIGN: base frame without a transform); for a
+    x is the optical axis laid on the plane (docs/conventions.md); for a
     source that is no camera, or one looking straight down, the next axis that can be laid.
     """
     axes = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0)) if optical else ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))

@@ -39,7 +39,7 @@ class Visibility:
 
 
 def look(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Visibility:
-    """Which edges of the box end at something nearer or at the border (DESIGN: Box).
+    """Which edges of the box end at something nearer or at the border (docs/how-it-works.md).
 
     own: (K,) the target's voxels. Without an image every edge counts as seen, but the one along
     the view where the camera looks from below the box's top.
