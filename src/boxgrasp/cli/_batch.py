@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
 import logging
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from boxgrasp.cli import FAILED, complain
+from boxgrasp.cli import FAILED, _arguments, complain
 from boxgrasp.errors import BoxgraspError
+
+if TYPE_CHECKING:
+    from boxgrasp.capture import Capture
+    from boxgrasp.gripper import Gripper
+    from boxgrasp.selection import Selection
 
 _log = logging.getLogger("boxgrasp.cli")
 
@@ -37,3 +45,22 @@ def each(
             complain(f"{path}: internal error: {type(error).__name__}: {error}")
             _log.info("%s", path, exc_info=True)
     return FAILED if failed else 0
+
+
+def answer_each(
+    args: argparse.Namespace, tell: Callable[[int, Capture, Selection, Gripper], None]
+) -> int:
+    """Select for every capture of the command line and `tell(number, capture, answer, hand)`."""
+    from boxgrasp.select import GraspSelector
+
+    selector = GraspSelector(_arguments.resolve_config(args))
+    target = _arguments.target_of(args)
+    scans, octomap = _arguments.load_surroundings(args)
+
+    def answer(number: int, path: str) -> None:
+        capture = _arguments.load_capture(path, args)
+        selection = selector.select(capture, target, scans=scans, octomap=octomap)
+        selection = dataclasses.replace(selection, capture=path)
+        tell(number, capture, selection, selector.config.gripper)
+
+    return each(args.captures, answer)

@@ -7,9 +7,14 @@ the approach.
 from __future__ import annotations
 
 import argparse
-import dataclasses
+from typing import TYPE_CHECKING
 
 from boxgrasp.cli import _arguments, _batch
+
+if TYPE_CHECKING:
+    from boxgrasp.capture import Capture
+    from boxgrasp.gripper import Gripper
+    from boxgrasp.selection import Selection
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,16 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Explain each capture."""
     from boxgrasp.cli._report import options_table, summary
-    from boxgrasp.select import GraspSelector
 
-    selector = GraspSelector(_arguments.resolve_config(args))
-    target = _arguments.target_of(args)
-    scans, octomap = _arguments.load_surroundings(args)
-
-    def explain(number: int, path: str) -> None:
-        capture = _arguments.load_capture(path, args)
-        selection = selector.select(capture, target, scans=scans, octomap=octomap)
-        selection = dataclasses.replace(selection, capture=path)
+    def explain(_number: int, _capture: Capture, selection: Selection, _hand: Gripper) -> None:
         print(f"{summary(selection)}\n\n{options_table(selection)}", flush=True)
 
-    return _batch.each(args.captures, explain)
+    return _batch.answer_each(args, explain)

@@ -6,10 +6,15 @@ Without --json a short summary; with it one JSON object a line a capture.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import logging
+from typing import TYPE_CHECKING
 
 from boxgrasp.cli import _arguments, _batch
+
+if TYPE_CHECKING:
+    from boxgrasp.capture import Capture
+    from boxgrasp.gripper import Gripper
+    from boxgrasp.selection import Selection
 
 _log = logging.getLogger("boxgrasp.cli")
 
@@ -27,22 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Answer each capture."""
     from boxgrasp.cli._report import summary, timings
-    from boxgrasp.select import GraspSelector
 
-    selector = GraspSelector(_arguments.resolve_config(args))
-    target = _arguments.target_of(args)
-    scans, octomap = _arguments.load_surroundings(args)
-
-    def answer(number: int, path: str) -> None:
-        capture = _arguments.load_capture(path, args)
-        selection = selector.select(capture, target, scans=scans, octomap=octomap)
-        selection = dataclasses.replace(selection, capture=path)
-        _log.info("%s: %s", path, timings(selection))
+    def answer(number: int, capture: Capture, selection: Selection, hand: Gripper) -> None:
+        _log.info("%s: %s", selection.capture, timings(selection))
         print(selection.to_json() if args.json else summary(selection), flush=True)
         if args.picture:
             from boxgrasp.draw import draw_selection
 
             place = _arguments.numbered(args.picture, number, len(args.captures))
-            draw_selection(capture, selection, place, gripper=selector.config.gripper)
+            draw_selection(capture, selection, place, gripper=hand)
 
-    return _batch.each(args.captures, answer)
+    return _batch.answer_each(args, answer)
