@@ -11,7 +11,7 @@ from helpers import TABLE_M, drawn, item, laid, seen
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.errors import GripperError
 from boxgrasp.frames import invert, transform
-from boxgrasp.hidden import unseen_shares
+from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.scene import SceneConfig, find_scene
 from boxgrasp.simulate import TableScene, option_truth
 from boxgrasp.target import find_target
@@ -112,7 +112,7 @@ def test_share_of_unseen_space_does_not_hang_on_rounding() -> None:
     shares = []
     for off in (-1e-9, 0.0, 1e-9):
         moved = hand + np.array([0.0, off, 0, 0, 0, 0, 0, 0])
-        shares.append(unseen_shares(moved, centres, 0.03, 0.02)[0])
+        shares.append(filled_shares(moved, centres, 0.03, 0.02)[0])
     assert max(shares) - min(shares) < 1e-6
     assert shares[1] == pytest.approx(0.5, abs=0.05)
 

@@ -14,7 +14,8 @@ from boxgrasp.box import Box
 from boxgrasp.errors import GripperError
 from boxgrasp.frames import Floats
 from boxgrasp.gripper import Gripper
-from boxgrasp.hidden import columns_under, deepened, unseen_cells, unseen_shares
+from boxgrasp.hidden import columns_under, deepened, unseen_cells
+from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.occupancy import FREE, LocalMap
 from boxgrasp.options import FACES, Options
 from boxgrasp.scene import Scene
@@ -122,7 +123,7 @@ def measure(
     body = np.minimum(body, seen)
     unseen = unseen_cells(local_map, box)
     sizes = np.full(len(unseen), local_map.resolution_m)
-    share = unseen_shares(boxes, unseen, local_map.resolution_m, config.clearance_m)
+    share = filled_shares(boxes, unseen, local_map.resolution_m, config.clearance_m)
     if not np.any(local_map.state == FREE):  # no camera is known: the answer warns instead
         share = np.zeros(len(boxes))
     return Numbers(

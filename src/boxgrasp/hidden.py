@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from boxgrasp.box import Box
 from boxgrasp.frames import Floats, Points, invert, readonly, transform
 from boxgrasp.kernels._jit import jit
-from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.occupancy import FREE, UNSEEN, LocalMap
 from boxgrasp.scene import Scene
 from boxgrasp.support import Plane
@@ -30,7 +29,6 @@ def _fall(
     cells: NDArray[np.int64],
     inside: NDArray[np.bool_],
     state: NDArray[np.uint8],
-    floors: NDArray[np.float32],
     free: int,
 ) -> NDArray[np.int64]:
     """(N,) lowest layer that each point's column reaches, -1 for down to the plane."""
@@ -91,7 +89,7 @@ def columns_under(points: Points, local_map: LocalMap, plane: Plane) -> NDArray[
     T_map_base = invert(local_map.T_base_map)
     cells, inside = local_map.keys(transform(T_map_base, points))
     ground = np.minimum(points[:, 2], points[:, 2] - plane.heights(points))
-    layer = _fall(cells, inside, local_map.state, ground, FREE)
+    layer = _fall(cells, inside, local_map.state, FREE)
     floor = local_map.lowest[2] + layer * local_map.resolution_m + local_map.T_base_map[2, 3]
     low = np.where(layer == -1, ground, np.minimum(floor, points[:, 2]))
     low = np.where(inside, np.maximum(low, ground), points[:, 2])
@@ -110,15 +108,6 @@ def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
     own = np.abs(transform(invert(box.T_base_box), base))
     reach = box.dimensions_m / 2 + local_map.resolution_m / 2
     return np.ascontiguousarray(base[np.any(own > reach, axis=1)])
-
-
-def unseen_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) -> Floats:
-    """(M,) share of each upright box, grown on every side, that the unseen cells fill, 0 to 1.
-
-    boxes: (M, 8) of `clearance.uprights`; centres: (K, 3) base frame of cubes of edge_m, whose
-    sides are along the boxes' own, as those of the local map are.
-    """
-    return filled_shares(boxes, centres, edge_m, grow_m)
 
 
 def unexplained_cells(

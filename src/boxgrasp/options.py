@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -61,8 +61,8 @@ class Options:
     width_axis: NDArray[np.int64]
 
 
-def label_of(face: int, line: int, lines: int) -> int:
-    """(face - 1) * l + line, as table 3-4."""
+def label_of(face: Any, line: Any, lines: int) -> Any:
+    """(face - 1) * l + line, as table 3-4; of numbers or of arrays."""
     return (face - 1) * lines + line
 
 
@@ -82,7 +82,7 @@ def options_of(box: Box, gripper: Gripper, lines: int = 3) -> Options:
     width_axis = np.array([_WIDTH_AXIS[face] for face in faces.tolist()])
     return Options(
         lines=lines,
-        label=readonly((faces - 1) * lines + steps),
+        label=readonly(label_of(faces, steps, lines)),
         face=readonly(faces),
         line=readonly(steps),
         T_base_gripper=readonly(box.T_base_box @ T_box_gripper),

@@ -109,9 +109,14 @@ def find_support_plane(
     return Plane(readonly(plane[:3].copy()), float(plane[3]))
 
 
+def _plane(values: Floats) -> Plane:
+    """A row n, d of the proposals as a plane."""
+    return Plane(values[:3], float(values[3]))
+
+
 def _alike(planes: Floats, plane: Floats, sample: Points) -> NDArray[np.bool_]:
     """(H,) which planes are nearly this one: alike in tilt, and near it where it has points."""
-    heights = sample @ plane[:3].astype(np.float32) + np.float32(plane[3])
+    heights = _plane(plane).heights(sample)
     on = sample[np.abs(heights) < _COARSE_M]
     middle = np.median(on, axis=0) if len(on) else -plane[:3] * plane[3]
     off = np.abs(planes[:, :3] @ middle + planes[:, 3])
@@ -120,7 +125,7 @@ def _alike(planes: Floats, plane: Floats, sample: Points) -> NDArray[np.bool_]:
 
 def _opaque(plane: Floats, sample: Points) -> bool:
     """Whether points stop at the plane: just under it there are far fewer than on it."""
-    heights = sample @ plane[:3].astype(np.float32) + np.float32(plane[3])
+    heights = _plane(plane).heights(sample)
     on = np.count_nonzero(np.abs(heights) < _FINE_M)
     under = np.count_nonzero((heights <= -_FINE_M) & (heights > -3 * _FINE_M))
     return bool(under < _UNDER_SHARE * on)
@@ -206,7 +211,7 @@ def _carried(sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: 
 
     Below 0 for a patch too small to be a table.
     """
-    T_source_table = support_frame(Plane(plane[:3], float(plane[3])), optical=True)
+    T_source_table = support_frame(_plane(plane), optical=True)
     local = transform(invert(T_source_table), sample)
     on = local[np.abs(local[:, 2]) < _FINE_M]
     cells = np.floor(on[:, :2] / _CELL_M).astype(np.int64)

@@ -30,12 +30,11 @@ _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, d
 class Visibility:
     """width_known: whether the box's x and y dimensions are more than lower bounds.
 
-    cut: whether the image border cuts the target. hidden_edges: names of the box's edges hidden.
+    cut: whether the image border cuts the target.
     """
 
     width_known: tuple[bool, bool]
     cut: bool
-    hidden_edges: tuple[str, ...]
 
 
 def look(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Visibility:
@@ -45,23 +44,19 @@ def look(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Vi
     the view where the camera looks from below the box's top.
     """
     known = [True, True]
-    hidden = []
     cut = False
     if scene.shape is not None and scene.T_base_camera is not None:
         window = _window(capture, scene, own)
         if window is not None:
             cut, edges = _edges(window, scene, box)
-            for axis, side in edges:
+            for axis in edges:
                 known[axis] = False
-                hidden.append(("+" if side > 0 else "-") + "xy"[axis])
     eye = scene.eye_m
     if eye is not None:
         along = invert(box.T_base_box)[:3, :3] @ (box.T_base_box[:3, 3] - eye)
         if eye[2] < box.T_base_box[2, 3] + box.dimensions_m[2] / 2 + _NEARER_M:
-            axis = int(np.argmax(np.abs(along[:2])))
-            known[axis] = False
-            hidden.append("far " + "xy"[axis])
-    return Visibility((known[0], known[1]), cut, tuple(hidden))
+            known[int(np.argmax(np.abs(along[:2])))] = False
+    return Visibility((known[0], known[1]), cut)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +89,7 @@ def _window(capture: Capture, scene: Scene, own: NDArray[np.bool_]) -> _Window |
     lasts = np.searchsorted(scene.pixels, starts + np.int32(u1 - u0)).tolist()
     for row, (start, first, last) in enumerate(zip(starts, firsts, lasts, strict=True)):
         points[row, scene.pixels[first:last] - start] = scene.source_points[first:last]
-    R, t = scene.T_base_source[:3, :3], scene.T_base_source[:3, 3]
-    points = points @ R.T.astype(np.float32) + t.astype(np.float32)
+    points = transform(scene.T_base_source, points)
     assert scene.T_base_camera is not None
     forward = scene.T_base_camera[:3, 2].astype(np.float32)
     depth = (points - scene.T_base_camera[:3, 3].astype(np.float32)) @ forward
@@ -105,8 +99,8 @@ def _window(capture: Capture, scene: Scene, own: NDArray[np.bool_]) -> _Window |
     return _Window(mask, depth, points, (u0 == 0, u1 == width, v0 == 0, v1 == height))
 
 
-def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[int, int]]]:
-    """Whether the border cuts the target, and the (axis, side) of each hidden edge."""
+def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[int]]:
+    """Whether the border cuts the target, and the axis of each hidden edge."""
     own, depth = window.own, window.depth
     ends, beyond, cut = [], [], False
     for way, open_side in zip(_STEPS, window.open_sides, strict=True):
@@ -115,7 +109,7 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
         beyond.append(nearer | border)
         cut = cut or int(np.count_nonzero(border)) >= _LEAST_PX
     T_box_base = invert(box.T_base_box)
-    local = transform(T_box_base, window.points.reshape(-1, 3)).reshape(window.points.shape)
+    local = transform(T_box_base, window.points)
     found = []
     assert scene.T_base_camera is not None
     view = T_box_base[:3, :3] @ (box.T_base_box[:3, 3] - scene.T_base_camera[:3, 3])
@@ -133,7 +127,7 @@ def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[tuple[in
             if side * view[axis] < -_FACING * np.hypot(view[0], view[1]) and wall >= _WALL_PX:
                 continue  # the face towards the camera is seen below the top
             if _is_hidden(end, ends[step], beyond[step]):
-                found.append((axis, side))
+                found.append(axis)
     return cut, found
 
 

@@ -123,7 +123,11 @@ def cells_to_uprights(
 
 @jit
 def filled_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) -> Floats:
-    """(M,) share of each box, grown on every side, in (K,) cubes with sides along its own."""
+    """(M,) share of each upright box, grown on every side, that the cubes fill, 0 to 1.
+
+    boxes: (M, 8) of `clearance.uprights`; centres: (K, 3) base frame of cubes of edge_m, whose
+    sides are along the boxes' own, as those of the local map are.
+    """
     shares = np.zeros(boxes.shape[0])
     half = edge_m / 2
     for m in range(boxes.shape[0]):
