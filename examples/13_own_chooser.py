@@ -3,11 +3,11 @@
 import numpy as np
 
 from boxgrasp import GraspSelector, choosers
-from boxgrasp.choosers import Preference, Situation
+from boxgrasp.choosers import Chooser, Preference, Situation
 from boxgrasp.simulate import demo_capture
 
 
-class Lowest:
+class Lowest(Chooser):
     """Prefers the hand that stays lowest, then the lower label."""
 
     def prefer(self, situation: Situation) -> Preference:

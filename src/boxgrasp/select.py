@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,24 @@ from boxgrasp.frames import Floats, invert, make_transform, quaternion_xyzw, rea
 from boxgrasp.gripper import Gripper
 from boxgrasp.hidden import unexplained_cells
 from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_from_octomap
-from boxgrasp.options import FACES, Options, options_of
+from boxgrasp.options import FACES, options_of
 from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.selection import BoxReport, OptionReport, Selection
-from boxgrasp.target import Target, find_target
+from boxgrasp.target import Target, TargetPoints, find_target
 from boxgrasp.visibility import Visibility, look
 
 _DENSE = 150_000
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What one view tells of a target: scene, target points, options with numbers and verdict."""
+
+    scene: Scene
+    aim: TargetPoints
+    situation: Situation
+    verdict: check.Verdict
+    warnings: tuple[str, ...]
 
 
 class GraspSelector:
@@ -43,10 +54,29 @@ class GraspSelector:
         octomap: MapCells | None = None,
     ) -> Selection:
         """The grasp that is best and passes the check, or a request for help."""
+        clock = Clock()
+        # 1 to 4. The box, what surrounds it, and every option with its numbers (2-1, 2-2, 2-4).
+        sight = self.sight(capture, target, scans, octomap, clock=clock)
+        # 5. The first by preference that passes, or a question (2-3, 6-1).
+        preference = self._chooser.prefer(sight.situation)
+        clock.lap("choose")
+        return self._answer(sight, preference, clock)
+
+    def sight(
+        self,
+        capture: Capture,
+        target: Target | None = None,
+        scans: Sequence[Capture] = (),
+        octomap: MapCells | None = None,
+        *,
+        scene: Scene | None = None,
+        clock: Clock | None = None,
+    ) -> Sight:
+        """All that is known before a choice is made; `scene` spares finding it again."""
         config = self.config
-        clock = _Clock()
+        clock = clock or Clock()
         # 1. The support plane and what stands on it (appendix A).
-        scene = find_scene(capture, scans, config.scene)
+        scene = scene or find_scene(capture, scans, config.scene)
         clock.lap("scene")
         # 2. A box round the target (2-1).
         aim = find_target(scene, capture, target)
@@ -54,7 +84,8 @@ class GraspSelector:
         seen = look(capture, scene, aim.own, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        local_map, unexplained = self._occupancy(capture, scene, scans, octomap, box)
+        maps, unexplained = self._occupancy(capture, scene, scans, octomap, box)
+        local_map = maps[config.occupancy.resolution_m]
         clock.lap("occupancy")
         # 4. Every option with its numbers (2-4, 3-4).
         options = options_of(box, config.gripper, config.options.lines)
@@ -79,11 +110,8 @@ class GraspSelector:
             config.check,
         )
         clock.lap("check")
-        # 5. The first by preference that passes, or a question (2-3, 6-1).
-        preference = self._chooser.prefer(Situation(box, options, numbers, local_map))
-        clock.lap("choose")
-        warnings = (*capture.notes, *_warnings(scene, seen))
-        return self._answer(scene, box, options, numbers, verdict, preference, warnings, clock)
+        warnings = (*capture.notes, *_warnings(scene, seen), *self._chooser.notes)
+        return Sight(scene, aim, Situation(box, options, numbers, maps), verdict, warnings)
 
     def _occupancy(
         self,
@@ -92,19 +120,24 @@ class GraspSelector:
         scans: Sequence[Capture],
         octomap: MapCells | None,
         box: Box,
-    ) -> tuple[LocalMap, tuple[Floats, Floats]]:
-        """The local map, and the occupied cells of a map file that no seen point explains."""
-        config = self.config.occupancy
-        T_base_map = box.T_base_map(config.centre_above_support_m)
+    ) -> tuple[dict[float, LocalMap], tuple[Floats, Floats]]:
+        """Local maps by cell size, and the occupied cells of a map file that no point explains."""
+        T_base_map = box.T_base_map(self.config.occupancy.centre_above_support_m)
+        sizes = dict.fromkeys((self.config.occupancy.resolution_m, *self._chooser.resolutions_m))
+        configs = {size: replace(self.config.occupancy, resolution_m=size) for size in sizes}
         if octomap is None:
             T_source_map = invert(scene.T_base_source) @ T_base_map
-            local_map = build_local_map(_rays(capture, scene, scans), T_source_map, config)
-            return replace(local_map, T_base_map=T_base_map), (np.empty((0, 3)), np.empty(0))
-        cells = octomap.occupied(config.occupied_above)
-        return (
-            map_from_octomap(octomap, T_base_map, config),
-            unexplained_cells(*cells, scene, box),
-        )
+            rays = _rays(capture, scene, scans)
+            maps = {
+                size: replace(build_local_map(rays, T_source_map, config), T_base_map=T_base_map)
+                for size, config in configs.items()
+            }
+            return maps, (np.empty((0, 3)), np.empty(0))
+        cells = octomap.occupied(self.config.occupancy.occupied_above)
+        maps = {
+            size: map_from_octomap(octomap, T_base_map, config) for size, config in configs.items()
+        }
+        return maps, unexplained_cells(*cells, scene, box)
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
         """The objects on the support plane, numbered from the nearest."""
@@ -116,16 +149,14 @@ class GraspSelector:
 
     def _answer(
         self,
-        scene: Scene,
-        box: Box,
-        options: Options,
-        numbers: check.Numbers,
-        verdict: check.Verdict,
+        sight: Sight,
         preference: Preference,
-        warnings: tuple[str, ...],
-        clock: _Clock,
+        clock: Clock,
     ) -> Selection:
-        config = self.config
+        config, scene, verdict = self.config, sight.scene, sight.verdict
+        box, options, numbers = (
+            sight.situation.box, sight.situation.options, sight.situation.numbers,
+        )  # fmt: skip
         order = preference.order.tolist()
         rank = np.argsort(preference.order)
         passing = verdict.passing
@@ -177,7 +208,7 @@ class GraspSelector:
             best_rejected=None if best is None else reports[best].label,
             blocking=blocking,
             options=reports,
-            warnings=warnings,
+            warnings=sight.warnings,
             config_hash=self._hash,
             timings_ms=clock.timings_ms(),
             version=__version__,
@@ -198,7 +229,7 @@ def _two_blocks() -> Capture:
     return Capture(depth, np.array(intrinsics, dtype=np.float64), rgb=rgb)
 
 
-class _Clock:
+class Clock:
     """Wall time stage by stage; the stages add up to the total."""
 
     def __init__(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol
@@ -21,12 +22,12 @@ NAMES = {"clearance": "boxgrasp.choosers.clearance:ByClearance"}
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """All that a chooser may look at."""
+    """All that a chooser may look at; maps: local maps by their cell size, m."""
 
     box: Box
     options: Options
     numbers: Numbers
-    local_map: LocalMap
+    maps: Mapping[float, LocalMap]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,14 @@ class Preference:
 
 
 class Chooser(Protocol):
-    """Orders the options of a situation and says how sure it is of each."""
+    """Orders the options of a situation and says how sure it is of each.
+
+    resolutions_m: cell sizes of the local maps that it reads, beside the check's own; notes: what
+    the user should know of it, shown among the answer's warnings. Who inherits has neither.
+    """
+
+    resolutions_m: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def prefer(self, situation: Situation) -> Preference:
         """Every option exactly once, best first."""

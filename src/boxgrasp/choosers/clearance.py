@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from boxgrasp.choosers import Preference, Situation
+from boxgrasp.choosers import Chooser, Preference, Situation
 from boxgrasp.clearance import GREEN_FROM_M
 from boxgrasp.options import FRONT, TOP_PARALLEL
 
@@ -12,7 +12,7 @@ from boxgrasp.options import FRONT, TOP_PARALLEL
 _UNSEEN_COST_M = 0.03
 
 
-class ByClearance:
+class ByClearance(Chooser):
     """Most clearance first; front and top-parallel before the rest, line 2 before the outer."""
 
     def prefer(self, situation: Situation) -> Preference:
