@@ -56,7 +56,8 @@ class GraspSelector:
         """The grasp that is best and passes the check, or a request for help."""
         clock = Clock()
         # 1 to 4. The box, what surrounds it, and every option with its numbers (2-1, 2-2, 2-4).
-        sight = self.sight(capture, target, scans, octomap, clock=clock)
+        cells_m = self._chooser.resolutions_m
+        sight = self.sight(capture, target, scans, octomap, cells_m=cells_m, clock=clock)
         # 5. The first by preference that passes, or a question (2-3, 6-1).
         preference = self._chooser.prefer(sight.situation)
         clock.lap("choose")
@@ -70,13 +71,17 @@ class GraspSelector:
         octomap: MapCells | None = None,
         *,
         scene: Scene | None = None,
+        cells_m: Sequence[float] = (),
         clock: Clock | None = None,
     ) -> Sight:
-        """All that is known before a choice is made; `scene` spares finding it again."""
+        """All that is known before a choice is made.
+
+        scene: spares finding it again; cells_m: cell sizes of further local maps.
+        """
         config = self.config
         clock = clock or Clock()
         # 1. The support plane and what stands on it (appendix A).
-        scene = scene or find_scene(capture, scans, config.scene)
+        scene = scene or self.scene(capture, scans)
         clock.lap("scene")
         # 2. A box round the target (2-1).
         aim = find_target(scene, capture, target)
@@ -84,7 +89,7 @@ class GraspSelector:
         seen = look(capture, scene, aim.own, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        maps, unexplained = self._occupancy(capture, scene, scans, octomap, box)
+        maps, unexplained = self._occupancy(capture, scene, scans, octomap, box, cells_m)
         local_map = maps[config.occupancy.resolution_m]
         clock.lap("occupancy")
         # 4. Every option with its numbers (2-4, 3-4).
@@ -110,7 +115,7 @@ class GraspSelector:
             config.check,
         )
         clock.lap("check")
-        warnings = (*capture.notes, *_warnings(scene, seen), *self._chooser.notes)
+        warnings = (*capture.notes, *_warnings(scene, seen))
         return Sight(scene, aim, Situation(box, options, numbers, maps), verdict, warnings)
 
     def _occupancy(
@@ -120,10 +125,11 @@ class GraspSelector:
         scans: Sequence[Capture],
         octomap: MapCells | None,
         box: Box,
+        cells_m: Sequence[float],
     ) -> tuple[dict[float, LocalMap], tuple[Floats, Floats]]:
         """Local maps by cell size, and the occupied cells of a map file that no point explains."""
         T_base_map = box.T_base_map(self.config.occupancy.centre_above_support_m)
-        sizes = dict.fromkeys((self.config.occupancy.resolution_m, *self._chooser.resolutions_m))
+        sizes = dict.fromkeys((self.config.occupancy.resolution_m, *cells_m))
         configs = {size: replace(self.config.occupancy, resolution_m=size) for size in sizes}
         if octomap is None:
             T_source_map = invert(scene.T_base_source) @ T_base_map
@@ -141,7 +147,11 @@ class GraspSelector:
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
         """The objects on the support plane, numbered from the nearest."""
-        return with_pixels(find_scene(capture, (), self.config.scene))
+        return with_pixels(self.scene(capture))
+
+    def scene(self, capture: Capture, scans: Sequence[Capture] = ()) -> Scene:
+        """The support plane and what stands on it (appendix A)."""
+        return find_scene(capture, scans, self.config.scene)
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first select is as quick as the next."""
@@ -208,7 +218,7 @@ class GraspSelector:
             best_rejected=None if best is None else reports[best].label,
             blocking=blocking,
             options=reports,
-            warnings=sight.warnings,
+            warnings=(*sight.warnings, *self._chooser.notes),
             config_hash=self._hash,
             timings_ms=clock.timings_ms(),
             version=__version__,

@@ -1,0 +1,157 @@
+"""One scenario as a row: its scene, its truth, what the code saw of it, and the operator's label.
+
+Each scenario is seen twice. `given`: the target's points as they truly are (thesis 1-6 takes the
+segmentation as given) and the aligned box: the thesis. `found`: the package as it ships, which
+finds the object under a pixel by itself and may turn the box.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from boxgrasp import clearance
+from boxgrasp.box import Box
+from boxgrasp.capture import Capture
+from boxgrasp.errors import BoxgraspError
+from boxgrasp.frames import Array, make_transform, readonly, rotation_z
+from boxgrasp.label import Shown
+from boxgrasp.label.operator import StandIn
+from boxgrasp.occupancy import LocalMap
+from boxgrasp.samples import RESOLUTION_M, portion, sampling
+from boxgrasp.scene import Scene
+from boxgrasp.select import GraspSelector, Sight
+from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
+from boxgrasp.simulate.truth import option_truth
+from boxgrasp.target import Target
+
+SIGHTS = ("given", "found")
+SAMPLINGS = ("grid", "spiral")
+FITS = {"given": "aligned", "found": "yaw"}
+CELLS_M = tuple(sorted({RESOLUTION_M[name] for name in SAMPLINGS}))
+# Of each option, measured by the check.
+NUMBERS = (
+    "seen_m", "body_m", "unseen_m", "unseen_share", "support_m", "approach_m", "fits", "known",
+)  # fmt: skip
+# Of each option, exact truth of its pose.
+TRUTHS = ("clearance_m", "support_m", "approach_m", "fits")
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RowConfig:
+    """How rows are made: the recipe of their scenes, the seed, lines a face, the sights."""
+
+    recipe: Recipe
+    seed: int
+    lines: int = 3
+    sights: tuple[str, ...] = SIGHTS
+
+
+def row_of(config: RowConfig, number: int) -> Row:
+    """Scenario `number` of a set: drawn, cast, seen and labelled."""
+    scenario = draw_scenario(config.recipe, config.seed, number, lines=config.lines)
+    capture, labels = scenario.capture(config.recipe.noise)
+    return scenario_row(scenario, capture, labels, config)
+
+
+def scenario_row(scenario: Scenario, capture: Capture, labels: Array, config: RowConfig) -> Row:
+    """The row of one view of a scenario. labels: (H, W) true object of each pixel."""
+    row = _truth_columns(scenario)
+    scene: Scene | None = None
+    blocked: Array | None = None
+    for name in config.sights:
+        chosen = selector(name, config.lines)
+        mask = labels == scenario.scene.target_label
+        target = Target(mask=mask) if name == "given" else None
+        try:
+            if scene is None:
+                scene = chosen.scene(capture)
+            sight = chosen.sight(capture, target, scene=scene, cells_m=CELLS_M)
+        except BoxgraspError as error:
+            row[f"{name}_error"] = str(error)
+            continue
+        if name == "given":
+            blocked = sight.scene.points[sight.aim.others]
+            label = StandIn().label(shown(sight, chosen), scenario.rng(OPERATOR))
+            row |= {"label": label.label, "label_source": label.source}
+        row |= {f"{name}_{key}": value for key, value in _sight_columns(sight, scenario).items()}
+        if blocked is not None:
+            boxes = clearance.uprights(
+                sight.situation.options.T_base_gripper, chosen.config.gripper.half_m
+            )
+            row[f"{name}_visible_m"] = clearance.to_points(boxes, blocked)[0]
+    return row
+
+
+def shown(sight: Sight, selector: GraspSelector) -> Shown:
+    """What the operator is shown of a sight."""
+    return Shown(
+        sight.situation.box,
+        sight.situation.options,
+        np.ascontiguousarray(sight.scene.points[sight.aim.others]),
+        float(sight.situation.box.base_centre_m[2]),
+        selector.config.gripper,
+    )
+
+
+@cache
+def selector(sight: str, lines: int) -> GraspSelector:
+    """The configuration of a sight."""
+    return GraspSelector({"box": {"fit": FITS[sight]}, "options": {"lines": lines}})
+
+
+@cache
+def sample_points(name: str) -> tuple[Array, Array]:
+    """A sampling's P points, and the portions of the five faces one after the other (3-2-2)."""
+    points = sampling(name)
+    return points, np.concatenate([portion(points, face) for face in range(1, 6)])
+
+
+def occupancy(sight: Sight, name: str) -> tuple[Array, Array]:
+    """uint8 occupancy (0 free, 1 unseen, 2 occupied) of a sampling's points and portions."""
+    local_map = sight.situation.maps[RESOLUTION_M[name]]
+    whole, parts = sample_points(name)
+    return _states(local_map, whole), _states(local_map, parts)
+
+
+def _states(local_map: LocalMap, points: Array) -> Array:
+    return np.asarray((2 * local_map.values_at(points)).astype(np.uint8))
+
+
+def _truth_columns(scenario: Scenario) -> Row:
+    return {
+        "seed": scenario.seed,
+        "number": scenario.number,
+        "target": scenario.target,
+        "scene": json.dumps(scenario.scene.spec, sort_keys=True),
+        "redrawn": scenario.redrawn,
+        "feasible": not scenario.hopeless,
+        "best_m": scenario.truth.best_m,
+        **{f"true_{name}": getattr(scenario.truth, name) for name in TRUTHS},
+    }
+
+
+def _sight_columns(sight: Sight, scenario: Scenario) -> Row:
+    box, numbers = sight.situation.box, sight.situation.numbers
+    truth = option_truth(scenario.scene, sight.situation.options.T_base_gripper)
+    row: Row = {
+        "box": np.array([*box.T_base_box[:3, 3], box.yaw_rad]),
+        "dimensions_m": box.dimensions_m,
+        "passes": sight.verdict.passing,
+        **{name: getattr(numbers, name) for name in NUMBERS},
+        **{f"true_{name}": getattr(truth, name) for name in TRUTHS},
+    }
+    for name in SAMPLINGS:
+        row[name], row[f"{name}_portions"] = occupancy(sight, name)
+    return row
+
+
+def box_of(place: Array, dimensions_m: Array) -> Box:
+    """The box of a row's columns."""
+    return Box(readonly(make_transform(rotation_z(place[3]), place[:3])), readonly(dimensions_m))

@@ -1,0 +1,165 @@
+"""Scenarios of the thesis (section 3-3-1): a seed, a target, obstacles, a camera, and what is true.
+
+Scenario `number` of a seed is the same whatever else is drawn: its scene, its noise and its
+operator each have a generator of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from boxgrasp.capture import Capture
+from boxgrasp.clearance import RED_BELOW_M
+from boxgrasp.errors import SceneError
+from boxgrasp.frames import Array
+from boxgrasp.gripper import Gripper
+from boxgrasp.simulate.noise import NoiseModel
+from boxgrasp.simulate.objects import SimulatedObject, load_objects
+from boxgrasp.simulate.scenes import TableScene, build_scene, draw_scene, to_capture
+from boxgrasp.simulate.truth import OptionTruth, TrueOption, option_truth, true_options
+
+SCENE, NOISE, OPERATOR = 0, 1, 2  # a generator each
+NOISES: Mapping[str, NoiseModel | None] = {
+    "none": None,
+    "xtion": NoiseModel(),
+    # Twice the Xtion's spread and steps, wider holes along edges: a poor sensor.
+    "strong": NoiseModel(
+        sigma_m=0.0024,
+        sigma_growth_per_m=0.0038,
+        step_m=0.003,
+        edge_dropout=0.9,
+        dropout=0.02,
+        colour_sigma=8.0,
+    ),
+}
+_TRIES = 200
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a set's scenarios have in common.
+
+    targets: taken in turn; objects: a shipped set's name or a file; obstacles: least and most;
+    keep_hopeless: keep scenes without a feasible grasp, against the thesis's assumption (1-6).
+    """
+
+    targets: tuple[str, ...]
+    objects: str = "simulated"
+    obstacles: tuple[int, int] = (0, 4)
+    yaw: str = "thesis"
+    area_m: float = 0.50
+    noise: str = "xtion"
+    mirrored: bool = False
+    keep_hopeless: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.targets:
+            raise SceneError("no targets; valid: at least one object's name")
+        if self.noise not in NOISES:
+            raise SceneError(f"noise is {self.noise!r}; valid: {', '.join(NOISES)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A scene with the exact numbers of its true, aligned box's options; hopeless: none feasible.
+
+    redrawn: how many hopeless scenes were drawn before this one.
+    """
+
+    seed: int
+    number: int
+    scene: TableScene
+    options: TrueOption
+    truth: OptionTruth
+    redrawn: int
+
+    @property
+    def target(self) -> str:
+        """The target's name."""
+        return self.scene.names[self.scene.target_label]
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether no option that fits and stays off the table is clear by 2 cm."""
+        return self.truth.best_m < RED_BELOW_M
+
+    def rng(self, stream: int, *more: int) -> np.random.Generator:
+        """The generator of the scenario's noise or operator."""
+        return np.random.default_rng((self.seed, self.number, stream, *more))
+
+    def capture(self, noise: str = "xtion", run: int = 0) -> tuple[Capture, Array]:
+        """The view as a capture and its labels (H, W) int32; run: noise drawn anew."""
+        model = NOISES[noise]
+        return to_capture(self.scene, self.rng(NOISE, run), model if model is not None else False)
+
+
+def draw_scenario(
+    recipe: Recipe, seed: int, number: int, *, lines: int = 3, gripper: Gripper | None = None
+) -> Scenario:
+    """Scenario `number` of a seed, drawn again while it is hopeless unless the recipe keeps those.
+
+    Raises:
+        SceneError: a target that the objects do not have, or no such scene in 200 draws.
+    """
+    objects = load_objects(recipe.objects)
+    rng = np.random.default_rng((seed, number, SCENE))
+    target = recipe.targets[number % len(recipe.targets)]
+    for redrawn in range(_TRIES):
+        scene = draw_scene(
+            rng,
+            target,
+            recipe.obstacles,
+            yaw=recipe.yaw,
+            area_m=recipe.area_m,
+            objects=objects,
+        )
+        if recipe.mirrored:
+            scene = build_scene(mirrored(scene.spec), objects)
+        found = scenario_of(scene, seed, number, lines=lines, gripper=gripper)
+        if recipe.keep_hopeless or not found.hopeless:
+            return replace(found, redrawn=redrawn)
+    raise SceneError(
+        f"no scene of {target} with a feasible grasp in {_TRIES} draws; "
+        "valid: fewer obstacles, a larger area, a wider gripper, or keeping hopeless scenes"
+    )
+
+
+def scenario_of(
+    scene: TableScene, seed: int, number: int, *, lines: int = 3, gripper: Gripper | None = None
+) -> Scenario:
+    """A scene with its truth."""
+    options = true_options(scene, lines=lines, gripper=gripper, mode="aligned")
+    truth = option_truth(scene, options.T_base_gripper, gripper=gripper)
+    return Scenario(seed, number, scene, options, truth, 0)
+
+
+def mirrored(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """The spec of a scene with left and right exchanged: y and yaw change sign, camera too."""
+
+    def flip(item: Mapping[str, Any]) -> dict[str, Any]:
+        return {**item, "y": 0.0 - item["y"], "yaw": 0.0 - item["yaw"]}
+
+    camera = {name: [place[0], 0.0 - place[1], place[2]] for name, place in spec["camera"].items()}
+    return {
+        "target": flip(spec["target"]),
+        "obstacles": [flip(item) for item in spec["obstacles"]],
+        "camera": camera,
+    }
+
+
+def targets_of(group: str, objects: str | None = None) -> tuple[str, ...]:
+    """Names of a set's targets by group (known, novel, real), or of all of them.
+
+    Raises:
+        SceneError: the set has none of that group.
+    """
+    known: Mapping[str, SimulatedObject] = load_objects(objects)
+    groups: Sequence[str] = ("known", "novel", "real") if group == "all" else (group,)
+    found = tuple(name for name, item in known.items() if item.set in groups)
+    if not found:
+        raise SceneError(f"no target of group {group!r} in {objects or 'simulated'}")
+    return found
