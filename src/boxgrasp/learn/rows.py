@@ -130,8 +130,7 @@ def _truth_columns(scenario: Scenario) -> Row:
         "number": scenario.number,
         "target": scenario.target,
         "scene": json.dumps(scenario.scene.spec, sort_keys=True),
-        "redrawn": scenario.redrawn,
-        "feasible": not scenario.hopeless,
+        "feasible": scenario.feasible,
         "best_m": scenario.truth.best_m,
         **{f"true_{name}": getattr(scenario.truth, name) for name in TRUTHS},
     }

@@ -7,7 +7,7 @@ operator each have a generator of their own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ NOISES: Mapping[str, NoiseModel | None] = {
         colour_sigma=8.0,
     ),
 }
-_TRIES = 200
+WISHES = ("any", "feasible", "off-centre", "no-central")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,13 @@ class Recipe:
     """What a set's scenarios have in common.
 
     targets: taken in turn; objects: a shipped set's name or a file; obstacles: least and most;
-    keep_hopeless: keep scenes without a feasible grasp, against the thesis's assumption (1-6).
+    area_m: edge of the square that holds them; mirrored: left and right exchanged. wish: `any`
+    scene; `feasible`, the thesis's assumption of at least one feasible grasp (1-6); `off-centre`,
+    its out-of-bias need (4-2): one face alone has feasible options, and the best of them is not
+    on its central line; `no-central`, stricter: options are valid, but none on a central line.
+
+    Raises:
+        SceneError: no targets, or a noise or wish that is not there.
     """
 
     targets: tuple[str, ...]
@@ -54,28 +60,26 @@ class Recipe:
     area_m: float = 0.50
     noise: str = "xtion"
     mirrored: bool = False
-    keep_hopeless: bool = False
+    wish: str = "feasible"
 
     def __post_init__(self) -> None:
         if not self.targets:
             raise SceneError("no targets; valid: at least one object's name")
         if self.noise not in NOISES:
             raise SceneError(f"noise is {self.noise!r}; valid: {', '.join(NOISES)}")
+        if self.wish not in WISHES:
+            raise SceneError(f"wish is {self.wish!r}; valid: {', '.join(WISHES)}")
 
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A scene with the exact numbers of its true, aligned box's options; hopeless: none feasible.
-
-    redrawn: how many hopeless scenes were drawn before this one.
-    """
+    """A scene with the exact numbers of its true, aligned box's options."""
 
     seed: int
     number: int
     scene: TableScene
     options: TrueOption
     truth: OptionTruth
-    redrawn: int
 
     @property
     def target(self) -> str:
@@ -83,9 +87,29 @@ class Scenario:
         return self.scene.names[self.scene.target_label]
 
     @property
-    def hopeless(self) -> bool:
-        """Whether no option that fits and stays off the table is clear by 2 cm."""
-        return self.truth.best_m < RED_BELOW_M
+    def feasible(self) -> bool:
+        """Whether an option that fits, stays off the table and gets there is clear by 2 cm."""
+        return self.truth.best_m >= RED_BELOW_M
+
+    def grants(self, wish: str) -> bool:
+        """Whether the scene is as a recipe wishes."""
+        if wish == "any":
+            return True
+        lines = len(self.options.label) // 5
+        clear = (self.truth.clearance_m >= RED_BELOW_M).reshape(5, lines)
+        central = np.arange(lines) == (lines - 1) // 2
+        if wish == "no-central":
+            valid = clear & self.truth.valid.reshape(5, lines)
+            return bool(valid.any() and not valid[:, central].any())
+        if not self.feasible or wish == "feasible":
+            return self.feasible
+        room = np.where(
+            clear & self.truth.fits.reshape(5, lines),
+            self.truth.clearance_m.reshape(5, lines),
+            -1.0,
+        )
+        faces = np.flatnonzero((room >= 0).any(axis=1))
+        return len(faces) == 1 and not central[np.argmax(room[faces[0]])]
 
     def rng(self, stream: int, *more: int) -> np.random.Generator:
         """The generator of the scenario's noise or operator."""
@@ -100,32 +124,26 @@ class Scenario:
 def draw_scenario(
     recipe: Recipe, seed: int, number: int, *, lines: int = 3, gripper: Gripper | None = None
 ) -> Scenario:
-    """Scenario `number` of a seed, drawn again while it is hopeless unless the recipe keeps those.
+    """Scenario `number` of a seed, drawn again until it is as the recipe wishes.
 
     Raises:
         SceneError: a target that the objects do not have, or no such scene in 200 draws.
     """
     objects = load_objects(recipe.objects)
-    rng = np.random.default_rng((seed, number, SCENE))
-    target = recipe.targets[number % len(recipe.targets)]
-    for redrawn in range(_TRIES):
-        scene = draw_scene(
-            rng,
-            target,
-            recipe.obstacles,
-            yaw=recipe.yaw,
-            area_m=recipe.area_m,
-            objects=objects,
-        )
-        if recipe.mirrored:
-            scene = build_scene(mirrored(scene.spec), objects)
-        found = scenario_of(scene, seed, number, lines=lines, gripper=gripper)
-        if recipe.keep_hopeless or not found.hopeless:
-            return replace(found, redrawn=redrawn)
-    raise SceneError(
-        f"no scene of {target} with a feasible grasp in {_TRIES} draws; "
-        "valid: fewer obstacles, a larger area, a wider gripper, or keeping hopeless scenes"
+
+    def found(scene: TableScene) -> Scenario:
+        return scenario_of(scene, seed, number, lines=lines, gripper=gripper)
+
+    scene = draw_scene(
+        np.random.default_rng((seed, number, SCENE)),
+        recipe.targets[number % len(recipe.targets)],
+        recipe.obstacles,
+        yaw=recipe.yaw,
+        area_m=recipe.area_m,
+        objects=objects,
+        accept=lambda scene: found(scene).grants(recipe.wish),
     )
+    return found(build_scene(mirrored(scene.spec), objects) if recipe.mirrored else scene)
 
 
 def scenario_of(
@@ -134,7 +152,7 @@ def scenario_of(
     """A scene with its truth."""
     options = true_options(scene, lines=lines, gripper=gripper, mode="aligned")
     truth = option_truth(scene, options.T_base_gripper, gripper=gripper)
-    return Scenario(seed, number, scene, options, truth, 0)
+    return Scenario(seed, number, scene, options, truth)
 
 
 def mirrored(spec: Mapping[str, Any]) -> dict[str, Any]:

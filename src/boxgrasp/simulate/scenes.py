@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -118,13 +118,15 @@ def draw_scene(
     area_m: float = 0.50,
     min_target_pixels: int = 300,
     objects: Mapping[str, SimulatedObject] | None = None,
+    accept: Callable[[TableScene], bool] | None = None,
 ) -> TableScene:
     """A random scene: target in the middle, obstacles and lamps round it, nothing interpenetrating.
 
     target: a name, or None for any of the known and novel ones; obstacles: how many, or the least
     and most; yaw `thesis` (target along the base's axes, obstacles turned at random), `random` (the
     target too) or `none`; area_m: edge of the square that holds the obstacles' centres. Poses are
-    rounded to 0.1 mm and 0.1 mrad. Drawn again while fewer than min_target_pixels are visible.
+    rounded to 0.1 mm and 0.1 mrad. Drawn again while `accept` says no, or fewer than
+    min_target_pixels are visible.
 
     Raises:
         SceneError: a name or mode that is not there, or no scene found in 200 draws.
@@ -145,12 +147,14 @@ def draw_scene(
         if spec is None:
             continue
         scene = build_scene(spec, known)
+        if accept is not None and not accept(scene):
+            continue
         visible = int(np.count_nonzero(scene.view().labels == scene.target_label))
         if visible >= min_target_pixels:
             return scene
     raise SceneError(
         f"no scene of {name} with {least} to {most} obstacles in {_SCENE_TRIES} draws; "
-        "valid: fewer obstacles, a larger area or a smaller gap"
+        "valid: fewer obstacles, a larger area, a smaller gap or other wishes"
     )
 
 
