@@ -33,3 +33,11 @@ class ConfigError(BoxgraspError):
 
 class MissingExtraError(BoxgraspError):
     """An optional part is not installed."""
+
+
+class StoreError(BoxgraspError):
+    """A folder or URL cannot be listed, read or written."""
+
+
+class WorkError(BoxgraspError):
+    """Workers cannot be started, reached, or kept alive."""

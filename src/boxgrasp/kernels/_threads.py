@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 
 _WORKERS = max(1, min(4, os.cpu_count() or 1))
+# Of the calling thread, so that tasks side by side in one process do not undo each other's.
+_limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=_WORKERS)
 
 
 @cache
@@ -15,12 +19,22 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(_WORKERS, thread_name_prefix="boxgrasp")
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within, `run_chunks` called from this thread stays on it: the caller fills the cores."""
+    before = _limit.set(1)
+    try:
+        yield
+    finally:
+        _limit.reset(before)
+
+
 def run_chunks(work: Callable[[int, int], object], count: int, smallest: int = 20_000) -> None:
     """Call `work(start, stop)` over [0, count) in contiguous chunks, on all cores.
 
     Chunks must write apart, or write the same value, so that their number changes no result.
     """
-    chunks = max(1, min(_WORKERS, count // smallest))
+    chunks = max(1, min(_limit.get(), count // smallest))
     if chunks == 1:
         work(0, count)
         return
