@@ -133,7 +133,7 @@ class GraspSelector:
         configs = {size: replace(self.config.occupancy, resolution_m=size) for size in sizes}
         if octomap is None:
             T_source_map = invert(scene.T_base_source) @ T_base_map
-            rays = _rays(capture, scene, scans)
+            rays = _rays(capture, scene, scans, self.config.occupancy.thin)
             maps = {
                 size: replace(build_local_map(rays, T_source_map, config), T_base_map=T_base_map)
                 for size, config in configs.items()
@@ -263,17 +263,17 @@ def _heading(scene: Scene) -> float:
     return float(np.arctan2(x[1], x[0]))
 
 
-def _rays(capture: Capture, scene: Scene, scans: Sequence[Capture]) -> list[Scan]:
+def _rays(capture: Capture, scene: Scene, scans: Sequence[Capture], thin: int | None) -> list[Scan]:
     """Points and eye of every view, in the first view's own frame: the whole cloud, table included.
 
-    A dense image is thinned to every second row and column, which still crosses every cell.
+    thin: as `OccupancyConfig.thin`.
     """
     T_source_base = invert(scene.T_base_source)
     rays: list[Scan] = []
     for view in (capture, *scans):
         shape = view.shape
-        dense = shape is not None and shape[0] * shape[1] > _DENSE
-        points, _ = view.valid_points(step=2 if dense else 1)
+        dense = thin is None and shape is not None and shape[0] * shape[1] > _DENSE
+        points = view.valid_points(step=2 if dense else 1)[0][::thin]
         if view is capture:
             eye = None if scene.eye_m is None else transform(T_source_base, scene.eye_m[None])[0]
             rays.append((points, eye))

@@ -8,8 +8,9 @@ finds the object under a pixel by itself and may turn the box.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -45,47 +46,73 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class RowConfig:
-    """How rows are made: the recipe of their scenes, the seed, lines a face, the sights."""
+    """How rows are made: the recipe of their scenes, the seed, lines a face, the sights.
+
+    runs: how often each scenario is seen, its noise drawn anew; frames: how many frames are fused
+    in the map of each; thin: as `OccupancyConfig.thin`.
+    """
 
     recipe: Recipe
     seed: int
     lines: int = 3
     sights: tuple[str, ...] = SIGHTS
+    runs: int = 1
+    frames: int = 1
+    thin: int | None = None
 
 
 def row_of(config: RowConfig, number: int) -> Row:
-    """Scenario `number` of a set: drawn, cast, seen and labelled."""
-    scenario = draw_scenario(config.recipe, config.seed, number, lines=config.lines)
-    capture, labels = scenario.capture(config.recipe.noise)
-    return scenario_row(scenario, capture, labels, config)
+    """Row `number` of a set: its scenario drawn, cast, seen and labelled."""
+    number, run = divmod(number, config.runs)
+    scenario = scenario_of_row(config, number)
+    seen = [
+        scenario.capture(config.recipe.noise, run * config.frames + k) for k in range(config.frames)
+    ]
+    capture, labels = seen[0]
+    return scenario_row(scenario, capture, labels, config, run, [view for view, _ in seen[1:]])
 
 
-def scenario_row(scenario: Scenario, capture: Capture, labels: Array, config: RowConfig) -> Row:
-    """The row of one view of a scenario. labels: (H, W) true object of each pixel."""
-    row = _truth_columns(scenario)
+@lru_cache(maxsize=2)
+def scenario_of_row(config: RowConfig, number: int) -> Scenario:
+    """The scenario of a number; rows of its runs follow each other."""
+    return draw_scenario(config.recipe, config.seed, number, lines=config.lines)
+
+
+def scenario_row(
+    scenario: Scenario,
+    capture: Capture,
+    labels: Array,
+    config: RowConfig,
+    run: int = 0,
+    scans: Sequence[Capture] = (),
+) -> Row:
+    """The row of one view of a scenario.
+
+    labels: (H, W) true object of each pixel; scans: further frames, for the map alone.
+    """
+    row = {**_truth_columns(scenario), "run": run}
     scene: Scene | None = None
     blocked: Array | None = None
     for name in config.sights:
-        chosen = selector(name, config.lines)
+        chosen = selector(name, config.lines, config.thin)
         mask = labels == scenario.scene.target_label
         target = Target(mask=mask) if name == "given" else None
         try:
-            if scene is None:
-                scene = chosen.scene(capture)
-            sight = chosen.sight(capture, target, scene=scene, cells_m=CELLS_M)
+            scene = scene or chosen.scene(capture)
+            sight = chosen.sight(capture, target, scans, scene=scene, cells_m=CELLS_M)
         except BoxgraspError as error:
             row[f"{name}_error"] = str(error)
             continue
         if name == "given":
-            blocked = sight.scene.points[sight.aim.others]
+            blocked = np.ascontiguousarray(sight.scene.points[sight.aim.others])
             label = StandIn().label(shown(sight, chosen), scenario.rng(OPERATOR))
             row |= {"label": label.label, "label_source": label.source}
         row |= {f"{name}_{key}": value for key, value in _sight_columns(sight, scenario).items()}
         if blocked is not None:
-            boxes = clearance.uprights(
+            hands = clearance.uprights(
                 sight.situation.options.T_base_gripper, chosen.config.gripper.half_m
             )
-            row[f"{name}_visible_m"] = clearance.to_points(boxes, blocked)[0]
+            row[f"{name}_visible_m"] = clearance.to_points(hands, blocked)[0]
     return row
 
 
@@ -101,9 +128,15 @@ def shown(sight: Sight, selector: GraspSelector) -> Shown:
 
 
 @cache
-def selector(sight: str, lines: int) -> GraspSelector:
+def selector(sight: str, lines: int, thin: int | None = None) -> GraspSelector:
     """The configuration of a sight."""
-    return GraspSelector({"box": {"fit": FITS[sight]}, "options": {"lines": lines}})
+    return GraspSelector(
+        {
+            "box": {"fit": FITS[sight]},
+            "options": {"lines": lines},
+            "occupancy": {"thin": thin},
+        }
+    )
 
 
 @cache
