@@ -31,6 +31,10 @@ class ConfigError(BoxgraspError):
     """A configuration has an unknown key, or a value out of range."""
 
 
+class ModelError(BoxgraspError):
+    """A model file is damaged, is none, or does not fit the code's features."""
+
+
 class MissingExtraError(BoxgraspError):
     """An optional part is not installed."""
 

@@ -1,0 +1,208 @@
+"""Grid search over C and gamma as in the thesis (3-3-2, 4-1): coarse, then finer, 5-fold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.errors import BoxgraspError, MissingExtraError
+from boxgrasp.frames import Array, Floats, Points
+
+FOLDS = 5
+# Powers of two, both grids wider than the thesis's choices (B-1: C 1.2 to 175, gamma 0.0035 to
+# 0.29).
+STEP = 1.25
+COARSE_C = tuple(float(2**k) for k in -1 + STEP * np.arange(9))
+COARSE_GAMMA = tuple(float(2**k) for k in -10 + STEP * np.arange(9))
+FINE_STEPS = 4  # finer steps in a coarse one, to either side of the best
+# Accuracies this near to the best are as good: of them the largest gamma is taken (4-1).
+AS_GOOD = 0.005
+
+_DECIMALS = 12  # of a squared distance that count: the rest differs between machines
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The heat map of 3-12: mean accuracies (len(gammas), len(costs)); costs are values of C."""
+
+    costs: tuple[float, ...]
+    gammas: tuple[float, ...]
+    accuracies: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The pair that was chosen, its accuracy, and all that were tried."""
+
+    C: float
+    gamma: float
+    accuracy: float
+    coarse: Grid
+    fine: Grid
+
+
+def search(
+    X: Points,
+    y: Array,
+    *,
+    folds: int = FOLDS,
+    seed: int = 0,
+    costs: Sequence[float] = COARSE_C,
+    gammas: Sequence[float] = COARSE_GAMMA,
+) -> Search:
+    """C and gamma of an RBF SVM for rows X (N, F) with classes y (N,).
+
+    A coarse grid, then a finer one round its choice, one coarse step to either side; the choice is
+    made among all pairs of both. costs (values of C) and gammas rise.
+
+    Raises:
+        BoxgraspError: fewer than two classes, fewer rows than folds.
+        MissingExtraError: scikit-learn is not installed.
+    """
+    distances = squared_distances(X)
+    fold = folds_of(y, folds, seed)
+    coarse = grid(distances, y, fold, costs, gammas)
+    C, gamma, _ = chosen(coarse)
+    fine = grid(distances, y, fold, _round(C, costs), _round(gamma, gammas))
+    return Search(*chosen(coarse, fine), coarse, fine)
+
+
+def train(X: Points, y: Array, C: float, gamma: float) -> Any:
+    """The scikit-learn SVC of all rows.
+
+    Raises:
+        BoxgraspError: fewer than two classes.
+        MissingExtraError: scikit-learn is not installed.
+    """
+    _check_classes(y)
+    return _svm().SVC(C=float(C), gamma=float(gamma), kernel="rbf").fit(X, y)
+
+
+def one_vs_rest_accuracy(
+    X: Points, y: Array, C: float, gamma: float, *, folds: int = FOLDS, seed: int = 0
+) -> float:
+    """Cross-validated accuracy of one SVM a class, each against the rest; the surest one wins.
+
+    The thesis's text says one against the rest, LIBSVM does one against one; same folds as
+    `search`.
+    """
+    distances, fold = squared_distances(X), folds_of(y, folds, seed)
+    kernel = np.exp(-gamma * distances)
+    scores = []
+    for k in range(folds):
+        seen, asked = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        known = np.unique(y[seen])
+        surest = np.zeros((len(asked), len(known)))
+        for column, label in enumerate(known if len(known) > 1 else ()):
+            svc = _precomputed(C).fit(kernel[np.ix_(seen, seen)], y[seen] == label)
+            surest[:, column] = svc.decision_function(kernel[np.ix_(asked, seen)])
+        scores.append(float(np.mean(known[surest.argmax(axis=1)] == y[asked])))
+    return float(np.mean(scores))
+
+
+def folds_of(y: Array, folds: int, seed: int) -> NDArray[np.int64]:
+    """(N,) fold of each row: shuffled, every class spread evenly, fold sizes within one.
+
+    A class with fewer rows than folds is in that many folds alone; where it has one row, that row
+    is asked of a model that never saw its class, and counts as an error.
+
+    Raises:
+        BoxgraspError: fewer than two classes, fewer rows than folds.
+    """
+    _check_classes(y)
+    if not 2 <= folds <= len(y):
+        raise BoxgraspError(f"{folds} folds of {len(y)} rows; valid: 2 to as many as rows")
+    order = np.random.default_rng(seed).permutation(len(y))
+    # Dealt like cards: rows by class, one to each fold in turn, on and on over the classes.
+    by_class = order[np.argsort(y[order], kind="stable")]
+    fold = np.empty(len(y), dtype=np.int64)
+    fold[by_class] = np.arange(len(y)) % folds
+    return fold
+
+
+def squared_distances(X: Points) -> Floats:
+    """(N, N) between all rows, float64."""
+    rows = np.asarray(X, dtype=np.float64)
+    norms = (rows * rows).sum(axis=1)
+    squared = norms[:, None] + norms[None, :] - 2.0 * (rows @ rows.T)
+    return np.asarray(np.maximum(np.round(squared, _DECIMALS), 0.0))
+
+
+def grid(
+    distances: Floats, y: Array, fold: Array, costs: Sequence[float], gammas: Sequence[float]
+) -> Grid:
+    """Accuracies of all pairs."""
+    columns = [accuracies(distances, y, fold, gamma, costs) for gamma in gammas]
+    return Grid(tuple(costs), tuple(gammas), np.array(columns))
+
+
+def accuracies(
+    distances: Floats, y: Array, fold: Array, gamma: float, costs: Sequence[float]
+) -> Floats:
+    """(len(costs),) mean accuracy over the folds of one gamma; a task of its own.
+
+    distances: (N, N) of `squared_distances`; fold: (N,) of `folds_of`.
+    """
+    kernel = np.exp(-gamma * distances)
+    scores = []
+    for k in np.unique(fold):
+        seen, asked = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        if len(np.unique(y[seen])) == 1:  # nothing to tell apart
+            scores.append([float(np.mean(y[seen[0]] == y[asked]))] * len(costs))
+            continue
+        among, across = kernel[np.ix_(seen, seen)], kernel[np.ix_(asked, seen)]
+        models = [_precomputed(C).fit(among, y[seen]) for C in costs]
+        scores.append([float(np.mean(m.predict(across) == y[asked])) for m in models])
+    return np.asarray(np.mean(scores, axis=0))
+
+
+def chosen(*grids: Grid) -> tuple[float, float, float]:
+    """(C, gamma, accuracy) by the thesis's rule: high accuracy, then the larger gamma (4-1).
+
+    Of the pairs within `AS_GOOD` of the best accuracy the largest gamma, then the more accurate,
+    then the smaller C.
+    """
+    pairs = [
+        (float(accuracy), gamma, C)
+        for tried in grids
+        for gamma, row in zip(tried.gammas, tried.accuracies, strict=True)
+        for C, accuracy in zip(tried.costs, row, strict=True)
+    ]
+    best = max(accuracy for accuracy, _, _ in pairs)
+    good = [pair for pair in pairs if pair[0] >= best - AS_GOOD - 1e-9]
+    accuracy, gamma, C = max(good, key=lambda pair: (pair[1], round(pair[0], 9), -pair[2]))
+    return C, gamma, accuracy
+
+
+def _round(middle: float, coarse: Sequence[float]) -> tuple[float, ...]:
+    """Finer values from one coarse step below to one above, the middle one exactly."""
+    step = (coarse[-1] / coarse[0]) ** (1 / (len(coarse) - 1)) if len(coarse) > 1 else 2.0
+    return tuple(
+        middle * step ** (k / FINE_STEPS) if k else middle
+        for k in range(-FINE_STEPS, FINE_STEPS + 1)
+    )
+
+
+def _check_classes(y: Array) -> None:
+    found = np.unique(y)
+    if len(found) < 2:
+        said = f"all {len(y)} labels are {found[0]}" if len(found) else "there are no labels"
+        raise BoxgraspError(f"{said}; valid: at least two classes")
+
+
+def _precomputed(C: float) -> Any:
+    return _svm().SVC(C=float(C), kernel="precomputed")
+
+
+def _svm() -> Any:
+    try:
+        import sklearn.svm
+    except ImportError:
+        raise MissingExtraError(
+            "training needs scikit-learn; install with: pip install 'boxgrasp[train]'"
+        ) from None
+    return sklearn.svm

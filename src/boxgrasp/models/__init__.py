@@ -1,0 +1,171 @@
+"""Trained models: ONNX files with their records, asked through onnxruntime (extra `svm`)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.errors import MissingExtraError, ModelError
+from boxgrasp.frames import Floats
+from boxgrasp.models import wire
+from boxgrasp.models.record import FORMAT, Record, check_fits, from_json, model_name, to_json
+
+Labels = NDArray[np.int64]
+
+# Keys of the ONNX file's metadata: the record, and the digest of graph and record.
+RECORD_KEY, DIGEST_KEY = "boxgrasp", "boxgrasp_sha256"
+SHIPPED = Path(__file__).parent
+
+_ROWS = 1024  # asked at once; bounds the memory
+_DECIMALS = 9  # of a decision value that count in an order: the rest differs between machines
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A loaded model; safe from several threads."""
+
+    record: Record
+    _session: Any
+
+    @property
+    def classes(self) -> tuple[int, ...]:
+        """Classes as trained."""
+        return self.record.classes
+
+    def decide(self, X: NDArray[np.float32]) -> tuple[Labels, Floats]:
+        """(N,) prediction and (N, K) decision values in the order of `classes`, of (N, F) rows.
+
+        The prediction is LIBSVM's vote. Decision values are scikit-learn's: how many of the
+        one-against-one contests a class won, moved by less than half a vote by its margins.
+
+        Raises:
+            ModelError: rows of another length than the model's features.
+        """
+        X = np.ascontiguousarray(X, dtype=np.float32)
+        if X.ndim != 2 or X.shape[1] != len(self.record.features):
+            raise ModelError(
+                f"features have shape {X.shape}; {self.record.name} takes "
+                f"(N, {len(self.record.features)})"
+            )
+        label = np.empty(len(X), dtype=np.int64)
+        decision = np.empty((len(X), len(self.classes)))
+        for k in range(0, len(X), _ROWS):
+            rows = slice(k, k + _ROWS)
+            label[rows], decision[rows] = self._session.run(
+                ["label", "decision"], {"features": X[rows]}
+            )
+        return label, decision
+
+
+def load_model(source: bytes | str | PathLike[str]) -> Model:
+    """The model of a file, or of a file's bytes. Runs no code of it and opens no other file.
+
+    Raises:
+        ModelError: unreadable, damaged, no record, a later format, more than plain arithmetic.
+        MissingExtraError: onnxruntime is not installed.
+    """
+    if isinstance(source, bytes):
+        return _load(source)
+    try:
+        data = Path(source).read_bytes()
+    except OSError as error:
+        raise ModelError(f"{fspath(source)}: {error.strerror or error}") from None
+    except ValueError as error:  # a name with a zero byte
+        raise ModelError(f"{fspath(source)!r}: {error}") from None
+    try:
+        return _load(data)
+    except ModelError as error:
+        raise ModelError(f"{fspath(source)}: {error}") from None
+
+
+def digest(graph: bytes, record: bytes) -> str:
+    """SHA-256 of a graph and its record, hexadecimal: tells damage, not intent."""
+    return hashlib.sha256(hashlib.sha256(graph).digest() + record).hexdigest()
+
+
+def _load(data: bytes) -> Model:
+    file = wire.parse(data)
+    if RECORD_KEY not in file.metadata:
+        raise ModelError("the ONNX file holds no record; valid: a model that boxgrasp trained")
+    text = file.metadata[RECORD_KEY]
+    record = from_json(text)
+    if file.metadata.get(DIGEST_KEY) != digest(file.graph, text).encode():
+        raise ModelError("the file is damaged: graph and record do not match their digest")
+    wire.check_plain(data)
+    model = Model(record, _session(data))
+    try:
+        label, decision = model._session.run(
+            ["label", "decision"],
+            {"features": np.zeros((2, len(record.features)), dtype=np.float32)},
+        )
+    except Exception:  # onnxruntime's own errors share no other root
+        raise ModelError("the graph does not run as its record says") from None
+    fine = label.dtype == np.int64 and label.shape == (2,) and np.isin(label, record.classes).all()
+    if not fine or decision.dtype != np.float64 or decision.shape != (2, len(record.classes)):
+        raise ModelError("the graph does not answer as its record says")
+    return model
+
+
+def _session(data: bytes) -> Any:
+    try:
+        import onnxruntime as ort
+    except ImportError:
+        raise MissingExtraError(
+            "trained models need onnxruntime; install with: pip install 'boxgrasp[svm]'"
+        ) from None
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4
+    try:
+        return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own errors share no other root
+        said = " ".join(str(error).split())
+        raise ModelError(f"onnxruntime refuses the graph: {said[:200]}") from None
+
+
+def ranked(
+    label: Labels, decision: Floats, classes: Sequence[int], wanted: Sequence[int]
+) -> Labels:
+    """(N, M) all M `wanted` labels for each row, best first.
+
+    First the prediction (N,), then by decision value (N, K) of `classes`, ties by the lower label;
+    labels never seen in training last, in their order.
+    """
+    every = np.array(sorted(wanted), dtype=np.int64)
+    worth = np.full((len(label), len(every)), -np.inf)
+    for k, known in enumerate(classes):
+        worth[:, every == known] = np.round(decision[:, k : k + 1], _DECIMALS)
+    worth[every == np.asarray(label)[:, None]] = np.inf
+    return np.asarray(every[np.argsort(-worth, axis=1, kind="stable")])
+
+
+def cascaded(faces: Labels, lines: Labels) -> Labels:
+    """(N, 5 l) option labels from faces (N, 5), best first, and lines (N, 5, l) of faces 1 to 5."""
+    chosen = np.take_along_axis(lines, (faces - 1)[:, :, None], axis=1)
+    count = lines.shape[2]
+    return np.asarray(((faces - 1)[:, :, None] * count + chosen).reshape(len(faces), -1))
+
+
+__all__ = [
+    "DIGEST_KEY",
+    "FORMAT",
+    "RECORD_KEY",
+    "SHIPPED",
+    "Model",
+    "Record",
+    "cascaded",
+    "check_fits",
+    "digest",
+    "load_model",
+    "model_name",
+    "ranked",
+    "to_json",
+]
