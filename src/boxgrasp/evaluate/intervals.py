@@ -1,0 +1,120 @@
+"""Figures with their 95 % intervals: shares, means of scores, differences of paired scores.
+
+All are closed formulas: the same values give the same bytes, and 2,000 values take microseconds.
+The values must be independent: of a scenario run ten times, pass the mean of its runs, once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from boxgrasp.frames import Floats
+
+_Z: Final = 1.959964  # of the normal distribution, for 95 %
+Bounds = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure, its 95 % interval, and of how many values it is; all None where there are none."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    count: int
+
+    def holds(self, figure: float) -> bool | None:
+        """Whether a figure lies in the interval, its ends included; None without an interval."""
+        if self.low is None or self.high is None:
+            return None
+        return self.low <= figure <= self.high
+
+
+NOTHING: Final = Estimate(None, None, None, 0)
+
+
+def share(hits: int, of: int) -> Estimate:
+    """`hits` out of `of`, with Wilson's interval (Wilson 1927, J. Am. Stat. Assoc. 22).
+
+    Raises:
+        ValueError: not 0 <= hits <= of.
+    """
+    if not 0 <= hits <= of:
+        raise ValueError(f"share is {hits} of {of}; valid: 0 <= hits <= of")
+    if of == 0:
+        return NOTHING
+    p, n, zz = hits / of, float(of), _Z * _Z
+    middle = (p + zz / (2 * n)) / (1 + zz / n)
+    half = _Z / (1 + zz / n) * math.sqrt(p * (1 - p) / n + zz / (4 * n * n))
+    # At 0 and all, the formula's end is the bound itself, but for rounding.
+    low = 0.0 if hits == 0 else max(0.0, middle - half)
+    high = 1.0 if hits == of else min(1.0, middle + half)
+    return Estimate(p, low, high, int(of))
+
+
+def mean(values: Sequence[float] | Floats, bounds: Bounds = (0.0, 1.0)) -> Estimate:
+    """Mean of values (N,) that lie within bounds; NaN stands for no value and is not counted.
+
+    Interval: the normal one after adding two values at each bound (Agresti and Coull 1998, Am.
+    Stat. 52, for shares; by our simulation it keeps 95 % for scores too). Scores pile up at 0 and
+    1, where Student's t and the bootstrap hold the true mean in as few as 4 cases of 10.
+
+    Raises:
+        ValueError: a value outside the bounds.
+    """
+    return _bounded(_known(values), bounds, 2.0)
+
+
+def difference(
+    a: Sequence[float] | Floats, b: Sequence[float] | Floats, bounds: Bounds = (0.0, 1.0)
+) -> Estimate:
+    """Mean of a - b over pairs, (N,) each; a pair with a NaN is not counted.
+
+    Interval: the normal one after adding one pair at either extreme (Bonett and Price 2012, J.
+    Educ. Behav. Stat. 37, for shares).
+
+    Raises:
+        ValueError: a value outside the bounds, or unequal lengths.
+    """
+    first, second = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    if first.shape != second.shape:
+        raise ValueError(f"pairs have {first.size} and {second.size} values; valid: as many")
+    _check(first, bounds)
+    _check(second, bounds)
+    span = bounds[1] - bounds[0]
+    return _bounded(_known(first - second), (-span, span), 1.0)
+
+
+def _bounded(values: Floats, bounds: Bounds, added: float) -> Estimate:
+    """Mean, and the normal interval after adding so many values at each bound."""
+    _check(values, bounds)
+    if not len(values):
+        return NOTHING
+    low, high = bounds
+    n = len(values) + 2 * added
+    middle = (float(values.sum()) + added * (low + high)) / n
+    squares = float(((values - middle) ** 2).sum())
+    squares += added * ((low - middle) ** 2 + (high - middle) ** 2)
+    half = _Z * math.sqrt(squares) / n
+    value = float(values.mean())
+    # The shift towards the middle must not leave the plain mean outside.
+    least = min(value, max(low, middle - half))
+    most = max(value, min(high, middle + half))
+    return Estimate(value, least, most, len(values))
+
+
+def _known(values: Any) -> Floats:
+    array = np.asarray(values, np.float64)
+    return array[~np.isnan(array)]
+
+
+def _check(values: Floats, bounds: Bounds) -> None:
+    slack = 1e-9 * (bounds[1] - bounds[0])
+    wrong = values[(values < bounds[0] - slack) | (values > bounds[1] + slack)]
+    if len(wrong):
+        raise ValueError(f"a value is {wrong[0]}; valid: {bounds[0]} to {bounds[1]}")
