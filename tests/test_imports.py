@@ -22,6 +22,7 @@ OPTIONAL = (
     *("rosbags", "octomap", "pypcd4", "trimesh", "lz4", "ruamel", "matplotlib", "scipy"),
     *(
         "sklearn",
+        "onnx",
         "onnxruntime",
         "open3d",
         "cv2",

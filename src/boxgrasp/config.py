@@ -27,7 +27,8 @@ from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 class Config:
     """Everything that can be set, room by room; see `boxgrasp config`.
 
-    chooser: who orders the options. unchecked: take its word alone, without the check.
+    chooser: who orders the options. models: folder of the trained models of an SVM chooser, null
+    for those that ship. unchecked: take the chooser's word alone, without the check.
 
     Raises:
         ConfigError: no chooser has that name.
@@ -40,6 +41,7 @@ class Config:
     gripper: Gripper = field(default_factory=Gripper)
     check: CheckConfig = field(default_factory=CheckConfig)
     chooser: str = "clearance"
+    models: str | None = None
     unchecked: bool = False
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from boxgrasp import __version__, check
 from boxgrasp.box import Box, fit_box
 from boxgrasp.capture import Capture
-from boxgrasp.choosers import Preference, Situation, chooser_named
+from boxgrasp.choosers import Preference, Setup, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.frames import Floats, invert, make_transform, quaternion_xyzw, readonly, transform
 from boxgrasp.gripper import Gripper
@@ -44,7 +44,8 @@ class GraspSelector:
     def __init__(self, config: Config | Mapping[str, Any] | str | None = None) -> None:
         self.config = load_config(config)
         self._hash = config_hash(self.config)
-        self._chooser = chooser_named(self.config.chooser)
+        setup = Setup(self.config.models, self.config.gripper, self.config.options.lines)
+        self._chooser = chooser_named(self.config.chooser, setup)
 
     def select(
         self,

@@ -14,10 +14,31 @@ from boxgrasp.box import Box
 from boxgrasp.check import Numbers
 from boxgrasp.errors import ConfigError
 from boxgrasp.frames import Floats
+from boxgrasp.gripper import Gripper
 from boxgrasp.occupancy import LocalMap
 from boxgrasp.options import Options
 
-NAMES = {"clearance": "boxgrasp.choosers.clearance:ByClearance"}
+NAMES = {
+    "clearance": "boxgrasp.choosers.clearance:ByClearance",
+    "single-spiral": "boxgrasp.choosers.svm:SingleSpiral",
+    "single-grid": "boxgrasp.choosers.svm:SingleGrid",
+    "cascade-spiral": "boxgrasp.choosers.svm:CascadeSpiral",
+    "cascade-grid": "boxgrasp.choosers.svm:CascadeGrid",
+    "top-down": "boxgrasp.choosers.baselines:TopDown",
+    "random": "boxgrasp.choosers.baselines:Random",
+}
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a chooser is prepared for.
+
+    models: folder of ONNX files, None for the shipped ones; lines: lines a face.
+    """
+
+    models: str | None = None
+    gripper: Gripper = Gripper()
+    lines: int = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +69,24 @@ class Chooser(Protocol):
     resolutions_m: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def prepared(self, setup: Setup) -> Chooser:
+        """The chooser ready for a setup; who needs no model is ready as it is."""
+        return self
+
     def prefer(self, situation: Situation) -> Preference:
         """Every option exactly once, best first."""
 
 
-def chooser_named(name: str) -> Chooser:
-    """The chooser of that name.
+def chooser_named(name: str, setup: Setup | None = None) -> Chooser:
+    """The chooser of that name, prepared for a setup, or for the default one.
 
     Raises:
-        ConfigError: no chooser has it.
+        ConfigError: no chooser has it, or its models are for another number of lines.
+        ModelError: its models are missing, damaged, or do not fit the code's features.
+        MissingExtraError: it needs onnxruntime, which is not installed.
     """
     if name not in NAMES:
         raise ConfigError(f"unknown chooser: {name}; valid: {', '.join(NAMES)}")
     module, kind = NAMES[name].split(":")
     chooser: Chooser = getattr(import_module(module), kind)()
-    return chooser
+    return chooser.prepared(setup or Setup())

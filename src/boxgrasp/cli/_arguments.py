@@ -69,6 +69,7 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--gripper", metavar="FILE", help="YAML of a gripper")
     group.add_argument("--faces", metavar="front,right", help="only these faces may be chosen")
     group.add_argument("--chooser", metavar="NAME", help="who orders the options")
+    group.add_argument("--models", metavar="DIR", help="an SVM chooser's models (default: shipped)")
     group.add_argument(
         "--unchecked", action="store_true", help="the chooser's word alone, without the check"
     )
@@ -88,6 +89,17 @@ def add_scans(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--octomap", metavar="FILE", help="map of the scene, .bt or .ot, base frame")
 
 
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Who does the work."""
+    group = parser.add_argument_group("workers").add_mutually_exclusive_group()
+    group.add_argument(
+        "--processes", type=int, metavar="N", help="processes (default: one a usable core)"
+    )
+    group.add_argument(
+        "--cluster", metavar="ADDRESS", help="an existing Dask scheduler, tcp://HOST:PORT"
+    )
+
+
 def resolve_config(args: argparse.Namespace) -> Config:
     """File and options together."""
     from boxgrasp.config import load_config, load_gripper
@@ -100,6 +112,8 @@ def resolve_config(args: argparse.Namespace) -> Config:
         config["options"]["faces"] = [face for face in faces if face]
     if args.chooser is not None:
         config["chooser"] = args.chooser
+    if args.models is not None:
+        config["models"] = args.models
     if args.unchecked:
         config["unchecked"] = True
     return load_config(config)

@@ -1,0 +1,86 @@
+"""Small SVMs on made-up labels with the right features, for tests of files and choosers."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from boxgrasp.features import FeatureSchema, line_schema, single_schema
+from boxgrasp.gripper import Gripper
+from boxgrasp.models import Record
+from boxgrasp.options import LEFT, TOP_PARALLEL
+from boxgrasp.samples import RESOLUTION_M, sampling
+
+VERSIONS = ("single-spiral", "single-grid", "cascade-spiral", "cascade-grid")
+
+
+def record_of(svc: Any, schema: FeatureSchema, **other: Any) -> Record:
+    """The record of a trained SVC; `other` wins."""
+    told: dict[str, Any] = {
+        "version": "single-grid",
+        "part": "single",
+        "sampling": "grid",
+        "resolution_m": 0.07,
+        "lines": 3,
+        "largest_edge_m": 0.25,
+        "features": schema.names,
+        "schema_hash": schema.hash,
+        "classes": tuple(int(c) for c in svc.classes_),
+        "gripper": Gripper(),
+        "object_set": "known",
+        "seeds": (1,),
+        "label_source": "chance",
+        "versions": {"boxgrasp": "0"},
+        "C": float(svc.C),
+        "gamma": float(svc.gamma),
+        "support_vectors": len(svc.support_),
+        "training_examples": 1,
+        "accuracy": 0.5,
+    }
+    return Record(**{**told, **other})
+
+
+def rows(r: np.random.Generator, count: int, width: int) -> Any:
+    """(count, width) float32: occupancy, then three dimensions."""
+    occupancy = r.choice([0, 0.5, 1], (count, width - 3))
+    return np.concatenate([occupancy, r.random((count, 3))], axis=1).astype(np.float32)
+
+
+def schema_of(version: str, part: str) -> FeatureSchema:
+    points = sampling(version.split("-")[1])
+    if part in ("single", "face"):
+        return single_schema(points)
+    return line_schema(points, LEFT if part == "side" else TOP_PARALLEL)
+
+
+@cache
+def trained(version: str, part: str, lines: int = 3, seed: int = 0) -> tuple[Any, Record]:
+    """An SVC and its record. The last class is never seen in training."""
+    from boxgrasp.learn.search import train
+
+    r = np.random.default_rng([seed, len(version), len(part), lines])
+    schema = schema_of(version, part)
+    most = {"single": 5 * lines, "face": 5}.get(part, lines)
+    X = rows(r, 80, len(schema))
+    svc = train(X, 1 + np.arange(80) % (most - 1 if most > 2 else most), 4.0, 0.02)
+    name = version.split("-")[1]
+    place = {"sampling": name, "resolution_m": RESOLUTION_M[name]}
+    return svc, record_of(svc, schema, version=version, part=part, lines=lines, **place)
+
+
+def parts_of(version: str) -> tuple[str, ...]:
+    return ("single",) if version.startswith("single") else ("face", "side", "top")
+
+
+def write_models(folder: Path, lines: int = 3, seed: int = 0) -> Path:
+    """All eight in a folder."""
+    from boxgrasp.learn.export import to_onnx
+
+    for version in VERSIONS:
+        for part in parts_of(version):
+            svc, record = trained(version, part, lines, seed)
+            (folder / f"{record.name}.onnx").write_bytes(to_onnx(svc, record))
+    return folder
