@@ -1,18 +1,25 @@
-"""Object sets as data: the thesis's eight targets, mug and lamps, or a user's own file."""
+"""Object sets as data: the thesis's simulated and real objects, or a user's own file."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from boxgrasp.errors import SceneError
+from boxgrasp.frames import Floats
 from boxgrasp.simulate.primitives import Box, Colour, Cylinder, upright
 
-SETS = ("known", "novel", "obstacle")
+SHIPPED = ("simulated", "real")
+SETS = ("known", "novel", "real", "obstacle")
+_TOUCH_M = 1e-6  # parts this near to the base's plane stand on it
 
 
 @dataclass(frozen=True)
@@ -23,6 +30,19 @@ class Part:
     size_m: tuple[float, ...]
     centre_m: tuple[float, float, float]
     colour: Colour | None
+
+    @property
+    def half_size_m(self) -> Floats:
+        """(3,) m, half lengths of the box that holds the part."""
+        if self.shape == "cylinder":
+            return np.array([self.size_m[0], self.size_m[0], self.size_m[1] / 2])
+        return np.array(self.size_m) / 2
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume of the part."""
+        flat = math.pi / 4 if self.shape == "cylinder" else 1.0
+        return float(flat * np.prod(2 * self.half_size_m))
 
 
 @dataclass(frozen=True)
@@ -59,35 +79,32 @@ class SimulatedObject:
         return tuple(solids)
 
 
-def load_objects(path: str | Path | None = None) -> Mapping[str, SimulatedObject]:
-    """Objects by name from a YAML file like `simulate/objects.yaml`, which is the default.
+def load_objects(source: str | Path | None = None) -> Mapping[str, SimulatedObject]:
+    """Objects by name, read-only: of a shipped set (`simulated`, the default, or `real`) or a file.
+
+    A file is YAML like the shipped ones in `simulate/object_sets/`. What has no `floats_m` must
+    stand: its lowest point on its base, its centre of mass (solids of equal density) over its foot.
 
     Raises:
-        SceneError: the file cannot be read, or an object in it is not as the default file's.
+        SceneError: no such set or file, or an object in it is wrong, hangs or would topple.
     """
-    return _default_objects() if path is None else _parse(_read(Path(path)), str(path))
-
-
-def names(group: str | None = None) -> tuple[str, ...]:
-    """Names of the default objects of a set (known, novel, obstacle), or of all."""
-    found = load_objects()
-    return tuple(name for name, item in found.items() if group in (None, item.set))
-
-
-@cache
-def _default_objects() -> Mapping[str, SimulatedObject]:
-    text = resources.files("boxgrasp.simulate").joinpath("objects.yaml").read_text("utf-8")
-    return _parse(text, "objects.yaml")
-
-
-def _read(path: Path) -> str:
+    if source is None or source in SHIPPED:
+        file = f"{source or 'simulated'}.yaml"
+        folder = resources.files("boxgrasp.simulate") / "object_sets"
+        return _parse((folder / file).read_text("utf-8"), file)
     try:
-        return path.read_text("utf-8")
+        text = Path(source).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"object file {path} cannot be read: {error}") from None
+        why = getattr(error, "strerror", None) or "not text"
+        raise SceneError(
+            f"objects {str(source)!r} cannot be read ({why}); "
+            f"valid: {', '.join(SHIPPED)}, or the path of a YAML file"
+        ) from None
+    return _parse(text, str(source))
 
 
-def _parse(text: str, source: str) -> dict[str, SimulatedObject]:
+@cache  # by content, so that an edited file is read anew
+def _parse(text: str, source: str) -> Mapping[str, SimulatedObject]:
     import yaml
 
     try:
@@ -96,7 +113,8 @@ def _parse(text: str, source: str) -> dict[str, SimulatedObject]:
         raise SceneError(f"{source} is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(data, dict) or not isinstance(data.get("objects"), dict):
         raise SceneError(f"{source} has no mapping `objects`; valid: objects by name")
-    return {str(name): _object(str(name), item, source) for name, item in data["objects"].items()}
+    items = data["objects"].items()
+    return MappingProxyType({str(name): _object(str(name), item, source) for name, item in items})
 
 
 def _object(name: str, item: Any, source: str) -> SimulatedObject:
@@ -110,6 +128,8 @@ def _object(name: str, item: Any, source: str) -> SimulatedObject:
         if not parts:
             raise ValueError("no parts")
         floats = item.get("floats_m")
+        if floats is None:
+            _check_stands(parts)
         return SimulatedObject(
             name,
             item["set"],
@@ -119,6 +139,40 @@ def _object(name: str, item: Any, source: str) -> SimulatedObject:
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise SceneError(f"object {name} of {source} is wrong: {error}") from None
+
+
+def _check_stands(parts: tuple[Part, ...]) -> None:
+    """Whether the lowest parts are on the base's plane and the centre of mass over their hull.
+
+    Parts are of equal density; where two overlap, both count.
+
+    Raises:
+        ValueError: they are not.
+    """
+    centres = np.array([part.centre_m for part in parts])
+    halves = np.array([part.half_size_m for part in parts])
+    lowest = centres[:, 2] - halves[:, 2]
+    if lowest.min() > _TOUCH_M:
+        raise ValueError(f"it would hang {1000 * lowest.min():.1f} mm over its base; give floats_m")
+    if lowest.min() < -_TOUCH_M:
+        raise ValueError(f"it reaches {-1000 * lowest.min():.1f} mm below its base")
+    masses = np.array([part.volume_m3 for part in parts])
+    middle = masses @ centres / masses.sum()
+    # How far the hull reaches from the centre of mass in 720 directions: it is within if all are
+    # above 0.
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    way = np.stack([np.cos(turn), np.sin(turn)])
+    reach = [
+        (centre - middle)[:2] @ way
+        + (half[0] if part.shape == "cylinder" else half[:2] @ np.abs(way))
+        for part, centre, half, low in zip(parts, centres, halves, lowest, strict=True)
+        if low <= _TOUCH_M
+    ]
+    margin = float(np.max(reach, axis=0).min())
+    if margin <= _TOUCH_M:
+        raise ValueError(
+            f"it would topple: its centre of mass is {-1000 * margin:.1f} mm outside its foot"
+        )
 
 
 def _colour(values: Any) -> Colour:
@@ -141,8 +195,10 @@ def _part(item: Any) -> Part:
         size = (float(item["radius_m"]), float(item["height_m"]))
     else:
         raise ValueError(f"shape {item['shape']!r} is not box or cylinder")
-    if min(size) <= 0:
-        raise ValueError("a length is not above 0 m")
+    if not all(0.0 < length < np.inf for length in size):
+        raise ValueError(f"a length is not above 0 m: {list(size)}")
     x, y, z = (float(value) for value in item.get("centre_m", (0.0, 0.0, size[-1] / 2)))
+    if not np.isfinite((x, y, z)).all():
+        raise ValueError(f"centre_m is not finite: {[x, y, z]}")
     colour = _colour(item["colour"]) if "colour" in item else None
     return Part(item["shape"], size, (x, y, z), colour)

@@ -40,12 +40,14 @@ class TableScene:
     """Objects on a table and a camera; base frame, m.
 
     primitives: floor (label 0), table (1), target (2) and obstacles (3 and up), one label an
-    object. spec: plain values from which `build_scene` makes the same scene again.
+    object; floating_labels: of those that do not stand. spec: plain values from which `build_scene`
+    makes the same scene again.
     """
 
     primitives: tuple[Primitive, ...]
     target_label: int
     obstacle_labels: tuple[int, ...]
+    floating_labels: tuple[int, ...]
     names: Mapping[int, str]
     T_base_camera: Floats
     intrinsics: Floats
@@ -100,6 +102,7 @@ def build_scene(
         tuple(primitives),
         TARGET_LABEL,
         tuple(range(TARGET_LABEL + 1, TARGET_LABEL + 1 + len(spec["obstacles"]))),
+        tuple(n for n in named if n >= TARGET_LABEL and known[named[n]].floats_m is not None),
         named,
         T_base_camera,
         intrinsics_matrix(),
