@@ -19,6 +19,7 @@ from boxgrasp.frames import Array
 from boxgrasp.gripper import Gripper
 from boxgrasp.simulate.noise import NoiseModel
 from boxgrasp.simulate.objects import SimulatedObject, load_objects
+from boxgrasp.simulate.physics import settles
 from boxgrasp.simulate.scenes import TableScene, build_scene, draw_scene, to_capture
 from boxgrasp.simulate.truth import OptionTruth, TrueOption, option_truth, true_options
 
@@ -48,6 +49,7 @@ class Recipe:
     scene; `feasible`, the thesis's assumption of at least one feasible grasp (1-6); `off-centre`,
     its out-of-bias need (4-2): one face alone has feasible options, and the best of them is not
     on its central line; `no-central`, stricter: options are valid, but none on a central line.
+    physics: only scenes in which all that stands stays where it is in MuJoCo (extra `sim`).
 
     Raises:
         SceneError: no targets, or a noise or wish that is not there.
@@ -61,6 +63,7 @@ class Recipe:
     noise: str = "xtion"
     mirrored: bool = False
     wish: str = "feasible"
+    physics: bool = False
 
     def __post_init__(self) -> None:
         if not self.targets:
@@ -134,6 +137,11 @@ def draw_scenario(
     def found(scene: TableScene) -> Scenario:
         return scenario_of(scene, seed, number, lines=lines, gripper=gripper)
 
+    def accept(scene: TableScene) -> bool:
+        if not found(scene).grants(recipe.wish):
+            return False
+        return not recipe.physics or settles(scene).stable
+
     scene = draw_scene(
         np.random.default_rng((seed, number, SCENE)),
         recipe.targets[number % len(recipe.targets)],
@@ -141,7 +149,7 @@ def draw_scenario(
         yaw=recipe.yaw,
         area_m=recipe.area_m,
         objects=objects,
-        accept=lambda scene: found(scene).grants(recipe.wish),
+        accept=accept,
     )
     return found(build_scene(mirrored(scene.spec), objects) if recipe.mirrored else scene)
 

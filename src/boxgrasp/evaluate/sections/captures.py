@@ -1,0 +1,151 @@
+"""Real depth captures with their noise resampled: decisions that change, and pictures (5-2-4)."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from boxgrasp.capture import Capture
+from boxgrasp.draw import draw_selection
+from boxgrasp.errors import BoxgraspError
+from boxgrasp.evaluate.report import Picture, Row, Section, Table
+from boxgrasp.evaluate.sections.need import CASCADE
+from boxgrasp.evaluate.study import Study
+from boxgrasp.select import GraspSelector
+from boxgrasp.simulate.noise import NoiseModel, axial_sigma
+from boxgrasp.target import Target
+
+MOST_TARGETS = 4
+PICTURE_PX = 1100
+
+
+def captures_section(study: Study, folder: Path) -> Section:
+    """Every depth capture of a folder; decisions by the shipped cascade grid."""
+    paths = sorted(
+        p for p in folder.iterdir() if p.is_dir() or p.suffix in (".npz", ".pcd", ".ply")
+    )
+    lines, pictures, skipped = [], [], []
+    changed = {"bare": 0, "checked": 0}
+    for path in paths:
+        name = f"captures/{path.stem}"
+        if not study.store.exists(f"{name}.json"):
+            picture, found = _judge(path, study.scale.runs, study.seed)
+            if picture:
+                study.store.write(f"{name}.png", picture)
+            study.store.write(f"{name}.json", json.dumps(found).encode())
+        found = json.loads(study.store.read(f"{name}.json"))
+        if "skipped" in found:
+            skipped.append(f"{path.stem}: {found['skipped']}")
+            continue
+        for item in found["targets"]:
+            lines.append((path.stem, item["target"], item["bare"], item["checked"]))
+            for kind in changed:
+                changed[kind] += item[f"{kind}_changes"]
+        pictures.append(
+            Picture(
+                f"capture-{path.stem}",
+                f"{path.stem}: cascade grid, checked, {found['targets'][0]['target']}.",
+                png=study.store.read(f"{name}.png"),
+                alt=f"Chosen grasp on the real capture {path.stem}",
+            )
+        )
+    return Section(
+        key="captures",
+        title="Real captures, their noise resampled",
+        place="section 5-2-4",
+        words=(
+            "Real depth images; to each, axial noise of such a sensor is added anew ten times. "
+            "Nobody measured the truth of these scenes, so decisions are counted, not scored.",
+            *(f"Left out: {'; '.join(skipped)}." for _ in range(bool(skipped))),
+        ),
+        rows=tuple(
+            Row(
+                f"targets whose decision changes, cascade grid, {kind}",
+                "2 of 42" if kind == "bare" else None,
+                f"{count} of {len(lines)}",
+            )
+            for kind, count in changed.items()
+        ),
+        tables=(
+            Table("Decisions in ten runs", ("capture", "target", "bare", "checked"), tuple(lines)),
+        ),
+        pictures=tuple(pictures),
+    )
+
+
+def _judge(path: Path, runs: int, seed: int) -> tuple[bytes | None, dict[str, object]]:
+    bare = GraspSelector({"chooser": CASCADE, "unchecked": True})
+    checked = GraspSelector({"chooser": CASCADE})
+    try:
+        capture = Capture.load(path)
+        if capture.depth is None:
+            return None, {"skipped": "a cloud, without an image's noise"}
+        targets = _targets(capture, checked)
+        items = [_decisions(capture, target, (bare, checked), runs, seed) for target in targets]
+        picture = _picture(capture, checked, targets[0])
+    except BoxgraspError as error:
+        return None, {"skipped": str(error)}
+    return picture, {"targets": items}
+
+
+def _targets(capture: Capture, selector: GraspSelector) -> list[Target | None]:
+    if capture.mask is not None or capture.target_pixel is not None:
+        return [None]
+    count = min(MOST_TARGETS, len(selector.objects(capture)))
+    points = [selector.objects(capture)[k].pixel for k in range(count)]
+    return [Target(pixel=pixel) for pixel in points if pixel is not None]
+
+
+def _decisions(
+    capture: Capture,
+    target: Target | None,
+    selectors: tuple[GraspSelector, GraspSelector],
+    runs: int,
+    seed: int,
+) -> dict[str, object]:
+    item: dict[str, object] = {
+        "target": "its own target" if target is None else f"pixel {target.pixel}"
+    }
+    for kind, selector in zip(("bare", "checked"), selectors, strict=True):
+        said: Counter[str] = Counter()
+        for run in range(runs):
+            try:
+                selection = selector.select(_again(capture, seed, run), target)
+                said["asks" if selection.label is None else f"option {selection.label}"] += 1
+            except BoxgraspError:
+                said["no target found"] += 1
+        item[kind] = "; ".join(f"{name} ({count})" for name, count in said.most_common())
+        item[f"{kind}_changes"] = int(len(said) > 1)
+    return item
+
+
+def _again(capture: Capture, seed: int, run: int) -> Capture:
+    """The capture with axial noise added anew; what is missing stays missing."""
+    assert capture.depth is not None
+    rng = np.random.default_rng((seed, run))
+    draws = rng.standard_normal(capture.depth.shape, dtype=np.float32)
+    noisy = capture.depth + draws * axial_sigma(capture.depth, NoiseModel())
+    return Capture(
+        np.where(capture.depth > 0, np.maximum(noisy, 1e-3), 0.0).astype(np.float32),
+        capture.intrinsics,
+        capture.T_base_camera,
+        capture.rgb,
+        capture.mask,
+        target_pixel=capture.target_pixel,
+    )
+
+
+def _picture(capture: Capture, selector: GraspSelector, target: Target | None) -> bytes:
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "answer.png"
+        draw_selection(capture, selector.select(capture, target), place)
+        with Image.open(place) as image:
+            image.thumbnail((PICTURE_PX, PICTURE_PX))
+            image.convert("RGB").quantize(128).save(place, optimize=True)
+        return place.read_bytes()

@@ -1,0 +1,162 @@
+"""Choices made from rows alone are the selector's, and their worth is the score's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn", reason="extra train")
+pytest.importorskip("onnxruntime", reason="extra svm")
+pytest.importorskip("pyarrow", reason="extra train")
+
+from boxgrasp import GraspSelector
+from boxgrasp.clearance import score, strict_score, thesis_score
+from boxgrasp.errors import BoxgraspError, ConfigError
+from boxgrasp.evaluate.choices import CHOOSERS, VERSIONS, Board, brain_of
+from boxgrasp.evaluate.worth import SHAPES, THESIS, categories, worth
+from boxgrasp.learn.eight import EIGHT, examples, train_eight
+from boxgrasp.learn.rows import RowConfig, scenario_of_row
+from boxgrasp.learn.sets import Rows, SetConfig, make_set, read_set
+from boxgrasp.simulate.scenario import Recipe, targets_of
+from boxgrasp.target import Target
+from boxgrasp.work import Store, local_workers
+
+COUNT = 60
+TESTED = SetConfig(RowConfig(Recipe(targets_of("all"), obstacles=(2, 4)), 22), 16)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small set, tested scenarios, and models trained on the one."""
+    folder = tmp_path_factory.mktemp("study")
+    store = Store(folder)
+    labels = SetConfig(RowConfig(Recipe(targets_of("known")), 21), COUNT)
+    with local_workers(1) as workers:
+        make_set(store, "labels/", labels, workers, "")
+        make_set(store, "tested/", TESTED, workers, "")
+        train_eight(store, "models/", read_set(store, "labels/"), workers)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def board(place: Path) -> Board:
+    store = Store(place)
+    brains = {name: brain_of(name, store, "models/") for name in VERSIONS}
+    return Board(read_set(store, "tested/")[1], brains)
+
+
+@pytest.mark.parametrize("chooser", CHOOSERS)
+@pytest.mark.parametrize("sight", ["given", "found"])
+def test_a_row_s_pick_is_the_selector_s_answer(
+    chooser: str, sight: str, board: Board, place: Path
+) -> None:
+    for check in (False, True):
+        config = {
+            "chooser": chooser,
+            "unchecked": not check,
+            "models": str(place / "models"),
+            "box": {"fit": "aligned" if sight == "given" else "yaw"},
+        }
+        selector = GraspSelector(config)
+        picks = board.picks(chooser, sight, check)
+        for k in range(0, TESTED.count, 5):
+            scenario = scenario_of_row(TESTED.rows, k)
+            capture, labels = scenario.capture("xtion")
+            mask = Target(mask=labels == scenario.scene.target_label)
+            try:
+                answer = selector.select(capture, mask if sight == "given" else None)
+            except BoxgraspError:
+                assert board.rows[f"{sight}_error"][k]
+                continue
+            if check:
+                label = answer.label or 0
+            else:  # what passes goes first in an unchecked answer only by preference
+                label = next(o.label for o in answer.options if o.preference == 1)
+            assert picks[k] + 1 == label
+
+
+def test_every_order_holds_every_option_once(board: Board) -> None:
+    for chooser in CHOOSERS:
+        assert (np.sort(board.order(chooser)) == np.arange(15)).all()
+
+
+def test_worth_is_the_scores_of_the_core(board: Board) -> None:
+    rows = board.rows
+    for name in CHOOSERS:
+        picks = board.picks(name)
+        found = worth(rows, "given", picks)
+        for k, pick in enumerate(picks.tolist()):
+            assert found.score[k] == pytest.approx(thesis_score(rows["given_visible_m"][k], pick))
+            own = rows["given_true_clearance_m"][k][pick]
+            assert found.exact_score[k] == pytest.approx(
+                score(own, float(rows["true_clearance_m"][k].max()))
+            )
+            if not found.valid[k]:
+                assert found.strict_score[k] == 0.0
+
+
+def test_strict_worth_equals_the_core_s_where_the_box_is_the_true_one(board: Board) -> None:
+    rows = dict(board.rows)
+    for name in ("clearance_m", "support_m", "approach_m", "fits"):
+        rows[f"given_true_{name}"] = rows[f"true_{name}"]
+    found = worth(rows, "given", board.picks("random"))
+    valid = rows["true_fits"] & (rows["true_support_m"] > 0) & (rows["true_approach_m"] > 0)
+    for k, pick in enumerate(board.picks("random").tolist()):
+        expected = strict_score(rows["true_clearance_m"][k], valid[k], pick)
+        assert found.strict_score[k] == pytest.approx(expected)
+
+
+def test_what_was_not_answered_has_no_score(board: Board) -> None:
+    picks = np.full(board.rows.count, -1)
+    found = worth(board.rows, "given", picks)
+    assert not found.answered.any()
+    assert np.isnan(found.score).all()
+    assert not (found.unobstructed | found.clear | found.good | found.into_table).any()
+
+
+def test_every_shape_is_0_when_red_and_1_when_green() -> None:
+    for shape in SHAPES:
+        d = np.array([0.0, 0.0199, 0.02, 0.035, shape.green_m, 0.3])
+        values = shape(d, np.full(6, 0.4))
+        assert values[:2].tolist() == [0, 0]
+        assert values[4:].tolist() == [1, 1]
+        assert 0 <= values[2] <= values[3] < 1
+    for d in np.linspace(0, 0.08, 30):
+        for best in (0.01, 0.03, 0.2):
+            if d <= best:
+                assert THESIS(np.array([d]), np.array([best]))[0] == pytest.approx(score(d, best))
+
+
+def test_categories_follow_the_scene_s_best() -> None:
+    counts = categories(np.array([0.01, 0.03, 0.04, 0.07]), np.array([0.2, 0.2, 0.04, 0.2]))
+    assert counts == (1, 1, 2)
+
+
+def test_the_operator_s_picks_are_the_labels(board: Board) -> None:
+    assert (board.picks("operator") + 1 == board.rows["label"]).all()
+
+
+def test_examples_are_as_many_as_faces_say(place: Path) -> None:
+    rows = read_set(Store(place), "labels/")[1]
+    face = (rows["label"] - 1) // 3 + 1
+    sizes = {"single": 187, "face": 187}
+    for svm in EIGHT:
+        try:
+            X, y = examples(rows, svm, 3, 0.23)
+        except ConfigError:
+            continue
+        side = svm.part == "side"
+        width = {"grid": (64, 124), "spiral": (61, 122)}[svm.sampling][0 if side else 1]
+        assert X.shape[1] == sizes.get(svm.part, width)
+        among = {"side": (face <= 3).sum(), "top": (face > 3).sum()}.get(svm.part, rows.count)
+        assert len(X) == len(y) == among
+        assert X.min() >= 0.0
+        assert X.max() <= 1.0
+
+
+def test_unlabelled_rows_cannot_teach(board: Board) -> None:
+    rows = Rows({**board.rows, "label": np.zeros(board.rows.count, dtype=np.int64)})
+    with pytest.raises(ConfigError, match="without a label"):
+        examples(rows, EIGHT[0], 3, None)

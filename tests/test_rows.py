@@ -1,0 +1,144 @@
+"""Rows of a set: what the selector sees, kept and read back, the same on every way there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyarrow", reason="extra train")
+pytest.importorskip("onnx", reason="extra train")
+
+from boxgrasp import features
+from boxgrasp.errors import ConfigError
+from boxgrasp.learn.matrices import largest_edge_m, line_matrix, single_matrix
+from boxgrasp.learn.rows import CELLS_M, NUMBERS, RowConfig, row_of, scenario_of_row, selector
+from boxgrasp.learn.sets import (
+    SetConfig, capture_bytes, from_parquet, joined, make_set, part, read_set, to_parquet,
+)  # fmt: skip
+from boxgrasp.samples import RESOLUTION_M, sampling
+from boxgrasp.simulate.scenario import Recipe, targets_of
+from boxgrasp.target import Target
+from boxgrasp.work import Store, local_workers
+
+CONFIG = RowConfig(Recipe(targets_of("all")), 11)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return from_parquet(part((CONFIG, range(6))))
+
+
+def test_a_row_is_what_the_selector_sees(rows) -> None:
+    scenario = scenario_of_row(CONFIG, 3)
+    capture, labels = scenario.capture("xtion")
+    mask = Target(mask=labels == scenario.scene.target_label)
+    for name, target in (("given", mask), ("found", None)):
+        sight = selector(name, 3).sight(capture, target, cells_m=CELLS_M)
+        for number in NUMBERS:
+            kept = rows[f"{name}_{number}"][3]
+            assert np.array_equal(kept, getattr(sight.situation.numbers, number)), number
+        assert np.array_equal(rows[f"{name}_passes"][3], sight.verdict.passing)
+
+
+def test_matrices_are_the_features_of_the_method(rows) -> None:
+    scenario = scenario_of_row(CONFIG, 2)
+    capture, labels = scenario.capture("xtion")
+    mask = Target(mask=labels == scenario.scene.target_label)
+    situation = selector("given", 3).sight(capture, mask, cells_m=CELLS_M).situation
+    edge = largest_edge_m(rows)
+    for name in ("grid", "spiral"):
+        local_map, points = situation.maps[RESOLUTION_M[name]], sampling(name)
+        size = situation.box.dimensions_m
+        for used in (edge, None):
+            alone = features.single(local_map, size, points, used)
+            assert np.array_equal(single_matrix(rows, "given", name, used)[2], alone)
+            for face in range(1, 6):
+                alone = features.line(local_map, size, points, face, used)
+                assert np.array_equal(line_matrix(rows, "given", name, used, face)[2], alone)
+
+
+def test_thesis_distance_is_the_check_s_when_the_target_is_given(rows) -> None:
+    assert np.array_equal(rows["given_visible_m"], rows["given_seen_m"])
+
+
+def test_parquet_gives_back_what_it_got(rows) -> None:
+    made = [row_of(CONFIG, number) for number in range(6)]
+    again = from_parquet(to_parquet(made, CONFIG))
+    assert set(again) == set(rows)
+    for name in rows:
+        assert np.array_equal(again[name], rows[name], equal_nan=rows[name].dtype.kind == "f")
+    assert part((CONFIG, range(6))) == to_parquet(made, CONFIG)
+
+
+def test_what_was_not_found_says_so_and_counts_nothing() -> None:
+    made = [row_of(CONFIG, number) for number in range(2)]
+    for name in [name for name in made[1] if name.startswith("found_")]:
+        del made[1][name]
+    made[1]["found_error"] = "no target"
+    read = from_parquet(to_parquet(made, CONFIG))
+    assert read["found_error"].tolist() == ["", "no target"]
+    assert np.isnan(read["found_seen_m"][1]).all()
+    assert not read["found_passes"][1].any()
+
+
+def test_runs_of_a_scenario_share_the_scene_and_not_the_noise() -> None:
+    config = replace(CONFIG, runs=3, thin=2)
+    made = [row_of(config, number) for number in range(6)]
+    assert [row["number"] for row in made] == [0, 0, 0, 1, 1, 1]
+    assert [row["run"] for row in made] == [0, 1, 2, 0, 1, 2]
+    assert made[0]["scene"] == made[2]["scene"]
+    assert not np.array_equal(made[0]["given_dimensions_m"], made[1]["given_dimensions_m"])
+
+
+def test_fused_frames_leave_fewer_cells_unknown() -> None:
+    alone = row_of(replace(CONFIG, thin=2, sights=("given",)), 0)
+    fused = row_of(replace(CONFIG, thin=2, frames=4, sights=("given",)), 0)
+    assert np.array_equal(alone["given_seen_m"], fused["given_seen_m"])
+    assert (fused["given_spiral"] == 1).sum() <= (alone["given_spiral"] == 1).sum()
+
+
+def test_a_set_goes_on_where_it_stopped_and_refuses_other_settings(tmp_path: Path) -> None:
+    store = Store(tmp_path / "set")
+    config = SetConfig(CONFIG, 50)
+    with local_workers(1) as workers:
+        make_set(store, "", config, workers, "")
+        _, first = read_set(store)
+        (tmp_path / "set" / "part-00001.parquet").unlink()
+        with pytest.raises(ConfigError, match="lacks 1 of 2 parts"):
+            read_set(store)
+        before = (tmp_path / "set" / "part-00000.parquet").stat().st_mtime_ns
+        make_set(store, "", config, workers, "")
+        assert (tmp_path / "set" / "part-00000.parquet").stat().st_mtime_ns == before
+        _, again = read_set(store)
+        assert np.array_equal(first["label"], again["label"])
+        assert again.count == 50
+        other = SetConfig(replace(CONFIG, seed=12), 50)
+        with pytest.raises(ConfigError, match="seed is 11 there, 12 now"):
+            make_set(store, "", other, workers, "")
+
+
+def test_joined_rows_follow_each_other(rows) -> None:
+    both = joined([rows.take(np.arange(2)), rows.take(np.arange(2, 6))])
+    assert np.array_equal(both["number"], rows["number"])
+
+
+def test_nothing_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="boxgrasp simulate"):
+        read_set(Store(tmp_path))
+    with pytest.raises(ConfigError, match="not a part of a set"):
+        from_parquet(b"nothing of the kind")
+
+
+def test_a_kept_capture_is_the_one_that_was_seen(tmp_path: Path) -> None:
+    from boxgrasp import Capture
+
+    path = tmp_path / "capture.npz"
+    path.write_bytes(capture_bytes((CONFIG, 4)))
+    kept = Capture.load(path)
+    fresh, labels = scenario_of_row(CONFIG, 4).capture("xtion")
+    assert np.array_equal(kept.depth, fresh.depth)
+    assert kept.target_pixel == fresh.target_pixel
+    assert np.array_equal(np.load(path, allow_pickle=False)["labels"], labels)
