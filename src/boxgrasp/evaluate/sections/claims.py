@@ -67,7 +67,7 @@ def claims(study: Study) -> tuple[Claim, ...]:
             f"On the same scenes strong noise changes the score by {signed(noise)}.",
         ),
         Claim(
-            "Coarse cells sampled completely beat fine cells sampled in part, by more than 20 %.",
+            "Coarse cells sampled whole beat fine cells sampled in part, by more than 20 %.",
             "chapter 6, fifth; table 4-1",
             by_size(grid, single),
             f"Grid over spiral: {signed(single)} (single), {signed(grid)} (cascade); the thesis has "

@@ -9,7 +9,8 @@ from boxgrasp.evaluate.plots import category_shares, label_distribution
 from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.study import Study
 from boxgrasp.evaluate.worth import categories
-from boxgrasp.options import FACES, TOP_PERPENDICULAR
+from boxgrasp.gripper import Gripper
+from boxgrasp.options import FACES, FRONT, TOP_PARALLEL, TOP_PERPENDICULAR
 
 
 def labels_section(study: Study) -> Section:
@@ -24,6 +25,8 @@ def labels_section(study: Study) -> Section:
     on_box = np.bincount(face[upright], minlength=6)[1:]
     by_face = np.bincount(face, minlength=6)[1:]
     by_line = np.bincount(line, minlength=4)[1:]
+    across = np.where(np.isin(face, (FRONT, TOP_PARALLEL)), 1, 0)
+    width = rows["given_dimensions_m"][np.arange(rows.count), across]
     labels = np.bincount(label, minlength=16)[1:].reshape(5, 3)
     return Section(
         key="labels",
@@ -44,7 +47,7 @@ def labels_section(study: Study) -> Section:
                 FACES[TOP_PERPENDICULAR - 1],
                 FACES[int(np.argmax(on_box))],
             ),
-            Row("faces wider than the opening chosen", 0, int(found.too_wide.sum())),
+            Row("faces wider than the opening chosen", 0, int((width > Gripper().opening_m).sum())),
         ),
         tables=(
             Table(

@@ -41,7 +41,7 @@ def training_section(study: Study) -> Section:
         pictures.append(
             Picture(
                 f"figure-3-12-{svm.name}",
-                f"Cross-validated accuracy over C and gamma, {svm.name} (figure 3-12 for single-grid).",
+                f"Cross-validated accuracy over C and gamma, {svm.name} (figure 3-12: single-grid).",
                 svg=heat_map(found, svm.name),
                 alt=f"Heat map of accuracies of {svm.name}",
             )
@@ -61,7 +61,7 @@ def training_section(study: Study) -> Section:
         place="sections 2-3, 3-3-2, 4-1; figure 3-12, table B-1",
         words=(
             "RBF kernels, 5-fold stratified cross-validation, a coarse grid over C and gamma, then "
-            "a finer one round its best region; of the pairs within 0.25 points of the best "
+            "a finer one round its best region; of the pairs within half a point of the best "
             "accuracy the one with the larger gamma. The thesis gives no accuracies.",
             "The thesis's text describes one class against the rest, but LIBSVM, which it used, "
             "trains one against one. These models are one against one; the other is measured at "
