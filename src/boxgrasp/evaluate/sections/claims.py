@@ -70,7 +70,7 @@ def claims(study: Study) -> tuple[Claim, ...]:
             "Coarse cells sampled whole beat fine cells sampled in part, by more than 20 %.",
             "chapter 6, fifth; table 4-1",
             by_size(grid, single),
-            f"Grid over spiral: {signed(single)} (single), {signed(grid)} (cascade); the thesis has "
+            f"Grid over spiral: {signed(single)} (single), {signed(grid)} (cascade); thesis: "
             "0.26 and 0.28. Here the map's cells are laid so that samples are cell centres and "
             "the lowest layer holds no table; both samplings gain from it.",
         ),

@@ -41,7 +41,7 @@ def training_section(study: Study) -> Section:
         pictures.append(
             Picture(
                 f"figure-3-12-{svm.name}",
-                f"Cross-validated accuracy over C and gamma, {svm.name} (figure 3-12: single-grid).",
+                f"Accuracy over C and gamma, {svm.name} (figure 3-12 shows single-grid).",
                 svg=heat_map(found, svm.name),
                 alt=f"Heat map of accuracies of {svm.name}",
             )
