@@ -15,6 +15,7 @@ from boxgrasp.errors import BoxgraspError
 from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.sections.need import CASCADE
 from boxgrasp.evaluate.study import Study
+from boxgrasp.learn.eight import EIGHT
 from boxgrasp.select import GraspSelector
 from boxgrasp.simulate.noise import NoiseModel, axial_sigma
 from boxgrasp.target import Target
@@ -24,7 +25,7 @@ PICTURE_PX = 1100
 
 
 def captures_section(study: Study, folder: Path) -> Section:
-    """Every depth capture of a folder; decisions by the shipped cascade grid."""
+    """Every depth capture of a folder, decided by the study's cascade grid."""
     paths = sorted(
         p for p in folder.iterdir() if p.is_dir() or p.suffix in (".npz", ".pcd", ".ply")
     )
@@ -33,7 +34,7 @@ def captures_section(study: Study, folder: Path) -> Section:
     for path in paths:
         name = f"captures/{path.stem}"
         if not study.store.exists(f"{name}.json"):
-            picture, found = _judge(path, study.scale.runs, study.seed)
+            picture, found = _judge(path, _selectors(study), study.scale.runs, study.seed)
             if picture:
                 study.store.write(f"{name}.png", picture)
             study.store.write(f"{name}.json", json.dumps(found).encode())
@@ -77,16 +78,26 @@ def captures_section(study: Study, folder: Path) -> Section:
     )
 
 
-def _judge(path: Path, runs: int, seed: int) -> tuple[bytes | None, dict[str, object]]:
-    bare = GraspSelector({"chooser": CASCADE, "unchecked": True})
-    checked = GraspSelector({"chooser": CASCADE})
+def _selectors(study: Study) -> tuple[GraspSelector, GraspSelector]:
+    """Cascade grid, bare and checked, with the study's models; a URL's are copied here first."""
+    with tempfile.TemporaryDirectory() as folder:
+        for svm in EIGHT:
+            name = f"{svm.name}.onnx"
+            (Path(folder) / name).write_bytes(study.store.read(f"models/{name}"))
+        config = {"chooser": CASCADE, "models": folder}
+        return GraspSelector({**config, "unchecked": True}), GraspSelector(config)
+
+
+def _judge(
+    path: Path, selectors: tuple[GraspSelector, GraspSelector], runs: int, seed: int
+) -> tuple[bytes | None, dict[str, object]]:
     try:
         capture = Capture.load(path)
         if capture.depth is None:
             return None, {"skipped": "a cloud, without an image's noise"}
-        targets = _targets(capture, checked)
-        items = [_decisions(capture, target, (bare, checked), runs, seed) for target in targets]
-        picture = _picture(capture, checked, targets[0])
+        targets = _targets(capture, selectors[1])
+        items = [_decisions(capture, target, selectors, runs, seed) for target in targets]
+        picture = _picture(capture, selectors[1], targets[0])
     except BoxgraspError as error:
         return None, {"skipped": str(error)}
     return picture, {"targets": items}
