@@ -237,9 +237,9 @@ def test_hostile_text_stays_inside_its_markdown():
 
 
 def test_a_list_or_heading_in_a_paragraph_is_words():
-    section = Section("s", "s", words=("1. one", "# two", "- three"))
+    section = Section("s", "s", words=("1. one", "# two", "- three", "0.84", "---"))
     lines = markdown(Report("t", sections=(section,))).splitlines()
-    assert {"1\\. one", "\\# two", "\\- three"} <= set(lines)
+    assert {"1\\. one", "\\# two", "\\- three", "0.84", "\\---"} <= set(lines)
 
 
 def test_a_missing_estimate_is_a_dash():
@@ -270,7 +270,7 @@ def test_numbers_are_written_with_the_digits_they_have():
     assert theirs(0.6) == "0.60" and theirs(174.8532) == "174.8532" and theirs(0.0035) == "0.0035"
     assert theirs(408) == "408" and theirs("often") == "often" and theirs(None) == "–"
     assert cell(Estimate(0.5, 0.25, 0.75, 9)) == "0.500 (0.250 to 0.750)"
-    assert cell(2256) == "2,256" and cell(0.00123456) == "0.001235"
+    assert cell(2256) == "2,256" and cell(0.0012345678) == "0.00123457"
 
 
 def test_contents_lead_to_every_section():

@@ -48,6 +48,8 @@ def html(report: Report) -> str:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     pages.filters |= {"said": said, "cell": cell, "source": _source, "number": _is_number}
+    pages.filters["interval"] = _interval
+    pages.tests["interval"] = _has_interval
     return pages.from_string(source).render(
         report=report,
         columns=COLUMNS,
@@ -70,7 +72,7 @@ def markdown(report: Report) -> str:
         )
     for section in report.sections:
         lines += ["", f"## {_md(section.title)}", ""]
-        lines += [f"Thesis: {_md(section.place)}", ""] if section.place else []
+        lines += [_md(section.place), ""] if section.place else []
         lines += [part for words in section.words for part in (_md(words), "")]
         if section.rows:
             lines += _md_table(COLUMNS, [row_cells(row) for row in section.rows], numbers=(1, 5))
@@ -89,10 +91,10 @@ def summary(report: Report) -> tuple[str, ...]:
     said = []
     if compared:
         said.append(
-            f"Of {compared} numbers of the thesis that stand beside an interval of ours, "
-            f"{asides['within']} lie within it, {asides['higher']} are higher, "
-            f"{asides['lower']} lower. The thesis's own numbers, of 3 to 120 scenarios, are "
-            "uncertain too; the intervals are of ours alone."
+            f"Of {compared} numbers of the thesis that stand beside an interval of ours: "
+            f"{asides['within']} within it, {asides['higher']} higher, {asides['lower']} lower. "
+            "The thesis's own numbers, mostly of 3 to 120 "
+            "scenarios, are uncertain too; the intervals are of ours alone."
         )
     verdicts = Counter(claim.verdict for claim in report.claims)
     if report.claims:
@@ -129,7 +131,7 @@ def cell(value: Cell) -> str:
         return DASH
     if isinstance(value, str):
         return value
-    return f"{value:.4g}" if isinstance(value, float) else f"{value:,}"
+    return f"{value:.6g}" if isinstance(value, float) else f"{value:,}"
 
 
 def _interval(value: Estimate) -> str:
@@ -140,6 +142,10 @@ def _interval(value: Estimate) -> str:
 
 def _decimals(value: float) -> str:
     return f"{value:.3f}" if math.isfinite(value) else DASH
+
+
+def _has_interval(value: Cell) -> bool:
+    return isinstance(value, Estimate) and value.low is not None
 
 
 def _is_number(value: Cell) -> bool:
@@ -168,8 +174,9 @@ def _md(words: str) -> str:
         f"`{part}`" if k % 2 and "|" not in part else re.sub(r"([\\`*_\[\]<>|&])", r"\\\1", part)
         for k, part in enumerate(parts)
     ]
-    text = re.sub(r"^([-+#])", r"\\\1", "".join(said))
-    return re.sub(r"^(\d+)([.)])", r"\1\\\2", text)
+    # What opens a list, heading or rule at the start of a line is words here too.
+    text = re.sub(r"^(#|[-+](?=[\s-]|$))", r"\\\1", "".join(said))
+    return re.sub(r"^(\d+)([.)])(?=\s|$)", r"\1\\\2", text)
 
 
 def _md_table(

@@ -168,7 +168,7 @@ def curves(
         axes.set_ylabel(y_label)
         axes.grid(axis="both")
         if len(series) > 1:
-            columns = min(len(series), 3 if max(map(len, series)) > 12 else 6)
+            columns = 6 if max(map(len, series)) <= 12 else 2 if len(series) == 4 else 3
             figure.legend(
                 *axes.get_legend_handles_labels(), loc="outside upper center", ncols=columns
             )
