@@ -13,7 +13,8 @@ from boxgrasp.work._limits import call_in_worker
 T = TypeVar("T")
 R = TypeVar("R")
 _FAILED = ("error", "cancelled")
-_WAIT_S = 30  # for the scheduler and its first worker
+_REACH_S = 10  # for the scheduler
+_WAIT_S = 30  # for its first worker
 _AHEAD = 4  # tasks in flight for each thread of the cluster
 _COUNT_EVERY_S = 5.0  # its threads, as workers come and go
 _SAME = ("boxgrasp", "numpy", "numba", "scikit-learn", "mujoco")  # of the same version everywhere
@@ -33,7 +34,8 @@ class DaskWorkers:
         self._address = address
         self._threads, self._counted = 1, -_COUNT_EVERY_S
         try:
-            self._client = distributed.Client(address, timeout=_WAIT_S, set_as_default=False)
+            distributed.comm.get_address_host_port(address)  # a client fails, then will not close
+            self._client: Any = distributed.Client(address, timeout=_REACH_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise WorkError(
                 f"no Dask scheduler at {address}: {' '.join(str(error).split())}"
