@@ -34,7 +34,7 @@ class DaskWorkers:
         self._address = address
         self._threads, self._counted = 1, -_COUNT_EVERY_S
         try:
-            distributed.comm.get_address_host_port(address)  # a client fails, then will not close
+            self._dask.comm.get_address_host_port(address)  # a client fails, then will not close
             self._client: Any = distributed.Client(address, timeout=_REACH_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise WorkError(
