@@ -1,8 +1,8 @@
 """Show that every dependency has a wheel for each Python and processor that robots have.
 
-`python tools/check_wheels.py` resolves the core's dependencies and those of the extra `io`, as
-pyproject.toml has them, and theirs, for every combination below with pip's own resolver, wheels
-only; nothing is installed. Exit status: 0 all there, 1 one is missing, 3 the registry does not
+`python tools/check_wheels.py` resolves the core's dependencies and those of the extras below, as
+pyproject.toml has them, and theirs, for every combination with pip's own resolver, wheels only;
+nothing is installed. Exit status: 0 all there, 1 one is missing, 3 the registry does not
 answer.
 """
 
@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PYTHONS = ("3.11", "3.12", "3.13")
 PROCESSORS = ("x86_64", "aarch64")
 GLIBC = (39, 35, 34, 31, 28, 27, 24, 17)  # what a wheel may ask for, manylinux_2_N
+EXTRAS = ("io", "svm", "sim", "train", "cluster")
 MISSING, OFFLINE = 1, 3
 
 
@@ -27,7 +28,7 @@ def requirements(extra: str | None = None) -> list[str]:
     """The package's dependencies, or those of an extra, as pyproject.toml has them."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     found = project["optional-dependencies"][extra] if extra else project["dependencies"]
-    return [str(line) for line in found]
+    return [str(line) for line in found if not str(line).startswith("boxgrasp")]
 
 
 def resolve(python: str, processor: str, wanted: list[str]) -> dict[str, str]:
@@ -66,7 +67,7 @@ def is_offline() -> bool:
 
 def main() -> int:
     """Print a line for every combination."""
-    wanted = [*requirements(), *requirements("io")]
+    wanted = [line for extra in (None, *EXTRAS) for line in requirements(extra)]
     places = [(python, processor) for python in PYTHONS for processor in PROCESSORS]
 
     def look(place: tuple[str, str]) -> dict[str, str] | str:
