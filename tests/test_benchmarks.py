@@ -20,6 +20,7 @@ LEAST = {
     "local_map": ["--rounds", "1"],
     "process_start": ["--rounds", "1", "--warm"],
     "raycast": ["--repeats", "2"],
+    "study": ["--count", "60", "--processes", "1"],
     "select_speed": ["--rounds", "1", "--scenes", "1", "--alone"],
 }
 
