@@ -45,9 +45,7 @@ def main() -> None:
         cores = len(os.sched_getaffinity(0))
         rate = args.count / spent
         held = "held" if rate >= 10 else "MISSED"
-        print(
-            f"{cores} cores; {args.count} scenarios in {spent:.1f} s: {rate:.1f} a second; 10: {held}"
-        )
+        print(f"{cores} cores; {args.count} made in {spent:.1f} s, {rate:.1f} a second; 10: {held}")
         labelled = read_set(store, "labels/")
         start = time.perf_counter()
         train_eight(store, "models/", labelled, workers)

@@ -59,13 +59,14 @@ def fit(
     held: Mapping[Part, tuple[float, float]],
     lines: int = 3,
     network: int | None = None,
+    own_edge: bool = False,
 ) -> Brain:
     """A version fitted with C and gamma held.
 
     kind: `single` or `cascade`; held: C and gamma by part; network: seed of a small neural
-    network in place of each SVM.
+    network in place of each SVM; own_edge: dimensions over each box's own longest edge.
     """
-    edge = largest_edge_m(rows)
+    edge = None if own_edge else largest_edge_m(rows)
     parts: dict[Part, Decider] = {}
     for part in PARTS[kind]:
         svm = Svm(0, sampling, part)

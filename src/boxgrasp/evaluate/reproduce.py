@@ -20,6 +20,7 @@ from boxgrasp.evaluate.sections.full import (
 )  # fmt: skip
 from boxgrasp.evaluate.sections.labels import labels_section
 from boxgrasp.evaluate.sections.need import need_section, pooled_section
+from boxgrasp.evaluate.sections.readings import readings_section
 from boxgrasp.evaluate.sections.real import real_section
 from boxgrasp.evaluate.sections.results import (
     agreement_section,
@@ -61,6 +62,7 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         results_section(study),
         agreement_section(study),
         scores_section(study),
+        readings_section(study),
         need_section(study),
         real_section(study),
         pooled_section(study),

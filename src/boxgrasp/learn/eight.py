@@ -118,13 +118,9 @@ def train_one(
     svm: Svm,
     provenance: Provenance,
     seed: int = 0,
-    edge_m: float | None = None,
 ) -> Trained:
-    """Search, train and export one of the eight.
-
-    edge_m: the longest edge that dimensions are divided by; None takes the set's.
-    """
-    edge = largest_edge_m(rows) if edge_m is None else edge_m
+    """Search, train and export one of the eight."""
+    edge = largest_edge_m(rows)
     X, y = examples(rows, svm, provenance.lines, edge)
     found = search(X, y, seed=seed)
     model = train(X, y, found.C, found.gamma)

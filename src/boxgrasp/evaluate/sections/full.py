@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp.evaluate.choices import Board, Brain
+from boxgrasp.evaluate.choices import Board
 from boxgrasp.evaluate.curves import (
     CELLS_M,
     PART_ROWS,
-    Kind,
     dense_part,
     dense_predictions,
     fit,
@@ -21,11 +20,11 @@ from boxgrasp.evaluate.curves import (
 from boxgrasp.evaluate.intervals import Estimate, mean, share
 from boxgrasp.evaluate.plots import curves
 from boxgrasp.evaluate.report import Picture, Row, Section, Table
+from boxgrasp.evaluate.sections.readings import KINDS, held, judged
 from boxgrasp.evaluate.study import Study
 from boxgrasp.evaluate.worth import worth
 from boxgrasp.features import DIMENSIONS
 from boxgrasp.frames import Array, Points
-from boxgrasp.learn.eight import EIGHT, Part
 from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.sets import Rows, joined
 from boxgrasp.samples import RESOLUTION_M, grid
@@ -34,14 +33,6 @@ from boxgrasp.work import finish
 LINES = (1, 3, 5, 7)
 LABELS = (50, 100, 200, 400, 800, 1600, 3200)
 NETWORKS = 5
-KINDS: tuple[Kind, ...] = ("single", "cascade")
-
-
-def held(study: Study, sampling: str) -> dict[Part, tuple[float, float]]:
-    """C and gamma of the trained SVMs of a sampling, by part."""
-    own = [svm for svm in EIGHT if svm.sampling == sampling]
-    records = {svm.part: study.trained[svm.name]["record"] for svm in own}
-    return {part: (record["C"], record["gamma"]) for part, record in records.items()}
 
 
 def lines_section(study: Study) -> Section:
@@ -244,13 +235,6 @@ def all_labels(study: Study) -> Rows:
     labels = study.rows("labels")
     shared = [name for name in labels if not name.startswith("found")]
     return joined([Rows({name: labels[name] for name in shared}), study.rows("more-labels")])
-
-
-def judged(rows: Rows, brain: Brain) -> tuple[Estimate, Estimate]:
-    """Score and agreement with the operator of a brain's bare picks."""
-    board = Board(rows, {"own": brain})
-    same = board.picks("own") == rows["label"] - 1
-    return mean(board.worth("own").score), share(int(same.sum()), len(same))
 
 
 def _dense(study: Study, name: str) -> dict[float, Array]:
