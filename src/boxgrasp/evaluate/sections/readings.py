@@ -24,11 +24,7 @@ def readings_section(study: Study) -> Section:
             ours = mean(board.worth(version).score)
             score, agree = judged(board.rows, other)
             rows += [
-                Row(
-                    f"score, {version}, the set's longest edge",
-                    None,
-                    mean(board.worth(version).score),
-                ),
+                Row(f"score, {version}, the set's longest edge", None, ours),
                 Row(f"score, {version}, each box's own", None, score),
                 Row(f"same option as the operator, {version}, each box's own", None, agree),
             ]
