@@ -53,6 +53,7 @@ class DaskWorkers:
         flying: dict[Any, int] = {}  # futures and their indices
         finished = self._dask.as_completed(loop=self._client.loop)
         following = 0
+        self._counted = -_COUNT_EVERY_S  # and so notice first whether the scheduler is there
         try:
             while following < len(tasks) or flying:
                 for index in range(following, min(len(tasks), following + self._room(flying))):
@@ -98,8 +99,11 @@ class DaskWorkers:
         """How many tasks more may be in flight."""
         now = time.monotonic()
         if now - self._counted > _COUNT_EVERY_S:
+            try:
+                self._threads = max(1, sum(self._client.nthreads().values()))
+            except OSError as error:
+                raise self._gone() from error
             self._counted = now
-            self._threads = max(1, sum(self._client.nthreads().values()))
         return max(0, _AHEAD * self._threads - len(flying))
 
     def _gather(self, futures: list[Any]) -> list[Any]:

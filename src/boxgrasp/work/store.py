@@ -22,6 +22,8 @@ class Store:
 
     def __init__(self, place: str | os.PathLike[str]) -> None:
         self.place = os.fspath(place)
+        if not self.place:
+            raise StoreError("no place given; valid: a folder or an fsspec URL")
         self._remote: Any = None
         self._root = self.place
         if self.place.startswith("file://"):
@@ -38,7 +40,10 @@ class Store:
             return os.path.isfile(self._path(name))
         with _told(self, name):
             self._remote.invalidate_cache()  # a listing kept from before the last run is stale
-            return bool(self._remote.isfile(self._path(name)))
+            try:  # not `isfile`, to which what cannot be reached is not there
+                return bool(self._remote.info(self._path(name))["type"] == "file")
+            except (FileNotFoundError, NotADirectoryError):
+                return False
 
     def read(self, name: str) -> bytes:
         """What is kept under the name.
