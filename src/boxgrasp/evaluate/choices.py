@@ -11,14 +11,15 @@ import numpy as np
 
 from boxgrasp.check import Numbers
 from boxgrasp.choosers import Setup, Situation, chooser_named
+from boxgrasp.errors import ModelError
 from boxgrasp.evaluate.worth import ASK, Worth, worth
 from boxgrasp.frames import Array, Floats, Points
 from boxgrasp.gripper import Gripper
-from boxgrasp.learn.eight import EIGHT, Part
+from boxgrasp.learn.eight import EIGHT, Part, Svm
 from boxgrasp.learn.matrices import FACES, line_matrix, single_matrix
 from boxgrasp.learn.rows import box_of
 from boxgrasp.learn.sets import Rows
-from boxgrasp.models import cascaded, load_model, ranked
+from boxgrasp.models import Model, cascaded, check_fits, load_model, ranked
 from boxgrasp.options import options_of
 from boxgrasp.samples import is_side
 from boxgrasp.simulate.scenario import targets_of
@@ -59,13 +60,31 @@ def brain_of(version: str, store: Reader, prefix: str = "") -> Brain:
     """The version's models from a place.
 
     Raises:
-        ModelError: a file that is no such model. StoreError: one that is not there.
+        ModelError: a file that is no such model, or does not fit the features or the other parts.
+        StoreError: one that is not there.
     """
     svms = [svm for svm in EIGHT if svm.version == version]
-    models = [load_model(store.read(f"{prefix}{svm.name}.onnx")) for svm in svms]
+    models = [_model(store.read(f"{prefix}{svm.name}.onnx"), svm) for svm in svms]
     parts: dict[Part, Decider] = {svm.part: model for svm, model in zip(svms, models, strict=True)}
+    made = sorted({(model.record.lines, model.record.largest_edge_m or 0.0) for model in models})
+    if len(made) > 1:
+        raise ModelError(
+            f"parts of {version} were trained apart (lines and longest edge: {made}); valid: parts "
+            "of one training"
+        )
     record = models[0].record
     return Brain(svms[0].sampling, record.largest_edge_m, parts, record.lines)
+
+
+def _model(data: bytes, svm: Svm) -> Model:
+    try:
+        model = load_model(data)
+        if model.record.name != svm.name:
+            raise ModelError(f"holds {model.record.name}; valid: {svm.name}")
+        check_fits(model.record, svm.schema)
+    except ModelError as error:
+        raise ModelError(f"{svm.name}.onnx: {error}") from None
+    return model
 
 
 def order(brain: Brain, rows: Mapping[str, Array], sight: str) -> Array:
@@ -123,14 +142,24 @@ class Board:
     _orders: dict[tuple[str, str], Array] = field(default_factory=dict)
 
     def order(self, chooser: str, sight: str = "given") -> Array:
-        """(N, 5 l) option indices, best first; rows that were not seen are in label order."""
+        """(N, 5 l) option indices, best first; rows that were not seen are in label order.
+
+        Raises:
+            ModelError: models trained for another number of lines.
+        """
         key = chooser, sight
         if key not in self._orders:
             seen = self.rows.take(self.seen(sight))
             count = self.rows[f"{sight}_passes"].shape[1]
+            brain = self.brains.get(chooser)
+            if brain is not None and 5 * brain.lines != count:
+                raise ModelError(
+                    f"{chooser} was trained for {brain.lines} lines a face, the set has "
+                    f"{count // 5}; valid: models trained for as many (--models DIR)"
+                )
             every = np.tile(np.arange(count), (self.rows.count, 1))
-            if chooser in self.brains:
-                every[self.seen(sight)] = order(self.brains[chooser], seen, sight)
+            if brain is not None:
+                every[self.seen(sight)] = order(brain, seen, sight)
             elif chooser == "operator":
                 every[:, 0] = self.rows["label"] - 1
             else:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+from boxgrasp.errors import ConfigError
 from boxgrasp.evaluate.choices import VERSIONS, Board, Brain, brain_of
 from boxgrasp.learn.eight import EIGHT, train_eight
 from boxgrasp.learn.rows import RowConfig
@@ -52,7 +53,11 @@ SMALL = Scale(
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study at a place; what is finished there is not made again."""
+    """A study at a place; what is finished there is not made again.
+
+    Raises:
+        ConfigError: a negative seed.
+    """
 
     store: Store
     workers: Workers
@@ -60,6 +65,10 @@ class Study:
     scale: Scale = Scale()
     _rows: dict[str, Rows] = field(default_factory=dict)
     _boards: dict[str, Board] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}; valid: 0 or more")
 
     def sets(self) -> dict[str, SetConfig]:
         """Every set of the study by name."""

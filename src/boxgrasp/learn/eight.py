@@ -19,7 +19,7 @@ from boxgrasp.gripper import Gripper
 from boxgrasp.learn.export import to_onnx
 from boxgrasp.learn.matrices import largest_edge_m, line_examples, single_matrix
 from boxgrasp.learn.search import Grid, Search, one_vs_rest_accuracy, search, train
-from boxgrasp.learn.sets import Rows, SetConfig
+from boxgrasp.learn.sets import Rows, SetConfig, claim
 from boxgrasp.models import Record, model_name
 from boxgrasp.options import LEFT, TOP_PARALLEL
 from boxgrasp.samples import RESOLUTION_M, sampling
@@ -202,7 +202,15 @@ def _grid(grid: Grid) -> dict[str, Any]:
 def train_eight(
     store: Store, prefix: str, labelled: tuple[SetConfig, Rows], workers: Workers, seed: int = 0
 ) -> list[dict[str, Any]]:
-    """Train what is not there yet of the eight, write their files, give what is kept of each."""
+    """Train what is not there yet of the eight, write their files, give what is kept of each.
+
+    Raises:
+        ConfigError: rows that cannot teach, a negative seed, or a place with models made otherwise.
+    """
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}; valid: 0 or more")
+    made = {"set": plain(labelled[0]), "seed": seed}
+    claim(store, f"{prefix}training/", "made.json", made, "models")
     finish(
         store, training_tasks(*labelled, f"{prefix}training/", seed), trained_json, workers, "train"
     )

@@ -18,7 +18,7 @@ import numpy as np
 from boxgrasp import clearance
 from boxgrasp.box import Box
 from boxgrasp.capture import Capture
-from boxgrasp.errors import BoxgraspError
+from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.frames import Array, make_transform, readonly, rotation_z
 from boxgrasp.label import Shown
 from boxgrasp.label.operator import StandIn
@@ -50,6 +50,9 @@ class RowConfig:
 
     runs: how often each scenario is seen, its noise drawn anew; frames: how many frames are fused
     in the map of each; thin: as `OccupancyConfig.thin`.
+
+    Raises:
+        ConfigError: a seed or a number of lines that cannot be.
     """
 
     recipe: Recipe
@@ -59,6 +62,12 @@ class RowConfig:
     runs: int = 1
     frames: int = 1
     thin: int | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed < 2**63:  # the seed's column is int64
+            raise ConfigError(f"seed is {self.seed}; valid: 0 to 2^63 - 1")
+        if not 1 <= self.lines <= 99:
+            raise ConfigError(f"lines is {self.lines}; valid: 1 to 99")
 
 
 def row_of(config: RowConfig, number: int) -> Row:

@@ -38,11 +38,19 @@ FLAGS = ("fits", "known")
 
 @dataclass(frozen=True)
 class SetConfig:
-    """A set's rows, how many there are, and the version that made them."""
+    """A set's rows, how many there are, and the version that made them.
+
+    Raises:
+        ConfigError: no rows.
+    """
 
     rows: RowConfig
     count: int
     version: str = __version__
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise ConfigError(f"count is {self.count}; valid: 1 or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +84,7 @@ def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, lab
     Raises:
         ConfigError: the place holds a set that was made otherwise.
     """
-    _claim(store, prefix, config)
+    claim(store, prefix, "set.json", config, "a set")
     tasks = {
         f"{prefix}part-{first // PART_ROWS:05d}.parquet": (
             config.rows, range(first, min(first + PART_ROWS, config.count)),
@@ -120,9 +128,8 @@ def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
     """
     if not store.exists(f"{prefix}set.json"):
         raise ConfigError(f"no set at {store}/{prefix}; valid: what `boxgrasp simulate` wrote")
-    config = build(
-        SetConfig, json.loads(store.read(f"{prefix}set.json")), f"{prefix}set.json", ConfigError
-    )
+    made = _read_json(store, f"{prefix}set.json")
+    config = build(SetConfig, made, f"{store}/{prefix}set.json", ConfigError)
     parts = -(-config.count // PART_ROWS)
     names = [f"{prefix}part-{k:05d}.parquet" for k in range(parts)]
     missing = [name for name in names if not store.exists(name)]
@@ -198,18 +205,32 @@ def schema(config: RowConfig) -> Any:
     return pa.schema(fields)
 
 
-def _claim(store: Store, prefix: str, config: SetConfig) -> None:
-    name = f"{prefix}set.json"
-    mine = json.loads(json.dumps(plain(config)))
-    if store.exists(name):
-        there = json.loads(store.read(name))
+def claim(store: Store, prefix: str, name: str, settings: Any, what: str) -> None:
+    """Keep the settings beside what is made with them, so that nothing is mixed in later.
+
+    Raises:
+        ConfigError: the place holds other settings.
+    """
+    mine = json.loads(json.dumps(plain(settings)))
+    if store.exists(prefix + name):
+        there = _read_json(store, prefix + name)
         if there != mine:
             raise ConfigError(
-                f"{store}/{prefix} holds a set made otherwise ({_difference(there, mine)}); "
+                f"{store}/{prefix} holds {what} made otherwise ({_difference(there, mine)}); "
                 "valid: another place, or the same settings to go on"
             )
         return
-    store.write(name, (json.dumps(mine, indent=1, sort_keys=True) + "\n").encode())
+    store.write(prefix + name, (json.dumps(mine, indent=1, sort_keys=True) + "\n").encode())
+
+
+def _read_json(store: Store, name: str) -> dict[str, Any]:
+    try:
+        found = json.loads(store.read(name))
+    except ValueError:  # also bytes that are no text
+        found = None
+    if not isinstance(found, dict):
+        raise ConfigError(f"{store}/{name} is damaged; valid: the file as boxgrasp wrote it")
+    return found
 
 
 def _difference(there: Any, mine: Any, place: str = "") -> str:
