@@ -155,9 +155,8 @@ def sample_points(name: str) -> tuple[Array, Array]:
     return points, np.concatenate([portion(points, face) for face in range(1, 6)])
 
 
-def occupancy(sight: Sight, name: str) -> tuple[Array, Array]:
+def occupied_at(local_map: LocalMap, name: str) -> tuple[Array, Array]:
     """uint8 occupancy (0 free, 1 unseen, 2 occupied) of a sampling's points and portions."""
-    local_map = sight.situation.maps[RESOLUTION_M[name]]
     whole, parts = sample_points(name)
     return _states(local_map, whole), _states(local_map, parts)
 
@@ -189,7 +188,8 @@ def _sight_columns(sight: Sight, scenario: Scenario) -> Row:
         **{f"true_{name}": getattr(truth, name) for name in TRUTHS},
     }
     for name in SAMPLINGS:
-        row[name], row[f"{name}_portions"] = occupancy(sight, name)
+        local_map = sight.situation.maps[RESOLUTION_M[name]]
+        row[name], row[f"{name}_portions"] = occupied_at(local_map, name)
     return row
 
 

@@ -137,10 +137,7 @@ def agreement_section(study: Study) -> Section:
         key="agreement",
         title="Where single and cascade differ",
         place="section 4-2",
-        words=(
-            "Share of scenarios in which the two take different options. With a larger share of "
-            "off-centre labels than the thesis seems to have had, they part more often.",
-        ),
+        words=("Share of scenarios in which the two take different options, in face or in line.",),
         rows=tuple(rows),
     )
 
