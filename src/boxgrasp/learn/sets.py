@@ -124,7 +124,7 @@ def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
     """A finished set.
 
     Raises:
-        ConfigError: there is none, or parts of it are missing.
+        ConfigError: there is none, or parts or rows of it are missing.
     """
     if not store.exists(f"{prefix}set.json"):
         raise ConfigError(f"no set at {store}/{prefix}; valid: what `boxgrasp simulate` wrote")
@@ -137,7 +137,12 @@ def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
         raise ConfigError(
             f"set lacks {len(missing)} of {parts} parts; valid: run `boxgrasp simulate` again"
         )
-    return config, joined([from_parquet(store.read(name)) for name in names])
+    rows = joined([from_parquet(store.read(name)) for name in names])
+    if rows.count != config.count:
+        raise ConfigError(
+            f"{store}/{prefix} holds {rows.count} rows; valid: {config.count} as in its set.json"
+        )
+    return config, rows
 
 
 def joined(parts: Sequence[Rows]) -> Rows:

@@ -1,0 +1,320 @@
+"""The whole study, tiny: the same bytes however it was run and killed, and errors in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn", reason="extra train")
+pytest.importorskip("onnx", reason="extra train")
+pytest.importorskip("pyarrow", reason="extra train")
+pytest.importorskip("matplotlib", reason="extra train")
+pytest.importorskip("jinja2", reason="extra train")
+
+import tiny_study
+from cluster import cluster
+
+import boxgrasp.evaluate.study as study
+import boxgrasp.learn.sets as sets
+from boxgrasp import Capture, __version__
+from boxgrasp.cli import main
+from boxgrasp.learn.rows import scenario_of_row
+from boxgrasp.learn.sets import read_set
+from boxgrasp.simulate.physics import Settling
+from boxgrasp.work import Store
+
+# One base run for the file.
+pytestmark = pytest.mark.xdist_group("study")
+
+SEED = 1
+REPRODUCE = [
+    sys.executable, str(Path(tiny_study.__file__)), "reproduce", "--small", "--seed", str(SEED),
+]  # fmt: skip
+
+
+def start(out: Path, *words: str) -> subprocess.Popen[bytes]:
+    """A study of its own process group, its standard error in a file beside its folder."""
+    with out.with_suffix(".log").open("ab") as log:
+        return subprocess.Popen(
+            [*REPRODUCE, str(out), *words],
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+            start_new_session=True,
+        )
+
+
+def end(process: subprocess.Popen[bytes], out: Path) -> None:
+    assert process.wait(timeout=300) == 0, out.with_suffix(".log").read_text("utf-8")
+
+
+def wait_for(process: subprocess.Popen[bytes], out: Path, pattern: str, count: int) -> None:
+    """Until so many finished files match, with the process still under way."""
+    stop = time.monotonic() + 120
+    while len(list(out.glob(pattern))) < count:
+        assert process.poll() is None, out.with_suffix(".log").read_text("utf-8")
+        assert time.monotonic() < stop, "waited in vain"
+        time.sleep(0.01)
+    assert process.poll() is None
+
+
+def files(out: Path) -> dict[str, Path]:
+    """Every file of a study by its name, but for what a kill left half written."""
+    found = {path.relative_to(out).as_posix(): path for path in out.rglob("*") if path.is_file()}
+    return {name: path for name, path in found.items() if ".unfinished-" not in name}
+
+
+def assert_same(out: Path, base: Path) -> None:
+    assert sorted(files(out)) == sorted(files(base))
+    other = [n for n, path in files(out).items() if path.read_bytes() != (base / n).read_bytes()]
+    assert other == []
+
+
+@pytest.fixture(scope="session")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The study by one process."""
+    out = tmp_path_factory.mktemp("base") / "out"
+    end(start(out, "--processes", "1"), out)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, too, `--small` is the tiny scale."""
+    monkeypatch.setattr(study, "SMALL", tiny_study.TINY)
+    monkeypatch.setattr(sets, "PART_ROWS", tiny_study.PART_ROWS)
+    monkeypatch.setattr("boxgrasp.work._dask._REACH_S", 1)
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line on standard error, nothing on the other."""
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("boxgrasp: ") and said.err.count("\n") == 1, said.err
+    return said.err
+
+
+# ---- the whole
+
+
+def test_base_is_whole(base: Path) -> None:
+    report = json.loads((base / "report.json").read_bytes())
+    assert report["made_with"]["boxgrasp"] == __version__
+    assert report["made_with"]["seed"] == str(SEED)
+    assert report["claims"] and report["sections"]
+    names = files(base)
+    assert {"report.html", "report.md"} <= set(names)
+    assert sum(name.endswith(".onnx") for name in names) == 8
+    assert len(list((base / "sets" / "labels").glob("part-*"))) == 5
+    for name, count in (("labels", 40), ("tested", 12), ("real", 4)):
+        assert read_set(Store(base), f"sets/{name}/")[1].count == count
+
+
+def test_killed_twice_and_resumed(base: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    first = start(out, "--processes", "2")
+    wait_for(first, out, "sets/labels/part-*", 2)
+    first.kill()
+    first.wait()
+    finished = {name: path.stat().st_mtime_ns for name, path in files(out).items()}
+    second = start(out, "--processes", "2")
+    wait_for(second, out, "models/training/*-*.json", 2)
+    os.killpg(second.pid, signal.SIGKILL)  # its workers, too
+    second.wait()
+    finished |= {name: path.stat().st_mtime_ns for name, path in files(out).items()}
+    assert not (out / "report.json").exists()
+    end(start(out, "--processes", "2"), out)
+    assert_same(out, base)
+    for name, written in finished.items():
+        assert files(out)[name].stat().st_mtime_ns == written, f"{name} was made again"
+
+
+def test_dask_cluster_that_loses_a_worker(base: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="extra cluster")
+    out = tmp_path / "out"
+    with cluster(workers=2) as running:
+        process = start(out, "--cluster", running.address)
+        try:
+            wait_for(process, out, "sets/labels/part-*", 2)  # all five are handed out
+            running.kill_worker()
+            end(process, out)
+        finally:
+            process.kill()
+    assert_same(out, base)
+
+
+# ---- what it made
+
+
+def test_train_gives_the_study_s_models(base: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "models"
+    labels = str(base / "sets" / "labels")
+    assert main(["train", labels, str(out), "--seed", str(SEED), "--processes", "2"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 9
+    assert_same(out, base / "models")
+    assert main(["train", labels, str(out), "--seed", "2"]) == 2
+    assert "seed is 1 there, 2 now" in one_line(capsys)
+    tested = str(base / "sets" / "tested")
+    assert main(["train", tested, str(out), "--seed", str(SEED)]) == 2
+    assert "valid: another place" in one_line(capsys)
+
+
+def test_evaluate_says_what_the_report_says(base: Path, capsys) -> None:
+    words = [str(base / "sets" / "tested"), "--models", str(base / "models"), "--json"]
+    assert main(["evaluate", *words]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {line["checked"] for line in lines} == {False, True}
+    assert len(lines) == 2 * len({line["chooser"] for line in lines}) >= 14
+    assert main(["evaluate", *words[:-1], "--sight", "given"]) == 0
+    assert "12 scenarios" in capsys.readouterr().out
+
+
+def test_other_settings_at_the_same_place(base: Path, capsys) -> None:
+    before = {name: path.stat().st_mtime_ns for name, path in files(base).items()}
+    assert main(["reproduce", str(base), "--small", "--seed", "2"]) == 2
+    assert "rows.seed is 1001 there, 2001 now" in one_line(capsys)
+    assert main(["reproduce", str(base), "--seed", str(SEED)]) == 2
+    assert "count is 40 there, 800 now" in one_line(capsys)
+    labels = str(base / "sets" / "labels")
+    assert main(["simulate", labels, "--count", "40", "--seed", "1001", "--noise", "none"]) == 2
+    assert "noise is xtion there, none now" in one_line(capsys)
+    assert before == {name: path.stat().st_mtime_ns for name, path in files(base).items()}
+
+
+# ---- errors
+
+AT = "simulate {tmp}/new --count 2"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (f"{AT} --processes 0", "0 processes; valid: 1 or more"),
+        (f"{AT} --processes 2 --cluster tcp://127.0.0.1:1", "not allowed with"),
+        (f"{AT} --cluster tcp://127.0.0.1:1", "no Dask scheduler at tcp://127.0.0.1:1"),
+        (f"{AT} --cluster here", "no Dask scheduler at here"),
+        ("simulate {tmp}/new --count 0", "count is 0; valid: 1 or more"),
+        ("simulate {tmp}/new --count -4", "count is -4; valid: 1 or more"),
+        ("simulate {tmp}/new --count many", "invalid int value"),
+        (f"{AT} --seed -1", "seed is -1; valid: 0 to"),
+        (f"{AT} --seed 9999999999999999999", "seed is 9999999999999999999; valid: 0 to"),
+        (f"{AT} --lines 0", "lines is 0; valid: 1 to 99"),
+        (f"{AT} --set none", "invalid choice: 'none'"),
+        (f"{AT} --wish none", "invalid choice: 'none'"),
+        (f"{AT} --objects {{tmp}}/none.yaml", "none.yaml' cannot be read"),
+        (f"{AT} --obstacles 3 1 --processes 1", "valid: 0 or more, the least first"),
+        ("simulate {tmp}/file --count 2", "file/set.json: File exists"),
+        ("simulate {tmp}/file/under --count 2", "Not a directory"),
+        ("simulate /proc/none --count 2", "/proc/none/set.json: "),
+        ("simulate nope://x --count 2", "Protocol not known: nope"),
+        ("train {tmp}/none {tmp}/new", "no set at {tmp}/none"),
+        ("train {tmp}/damaged {tmp}/new", "damaged/set.json is damaged"),
+        ("train {tmp}/list {tmp}/new", "list/set.json is damaged"),
+        ("train {base}/sets/labels {tmp}/new --seed -1", "seed is -1; valid: 0 or more"),
+        ("train {base}/sets/labels {tmp}/file", "Not a directory"),
+        ("train {base}/sets/labels {tmp}/new --processes 0", "valid: 1 or more"),
+        ("evaluate {tmp}/none", "no set at {tmp}/none"),
+        ("evaluate {tmp}/damaged", "damaged/set.json is damaged"),
+        ("evaluate {tmp}/torn", "not a part of a set"),
+        ("evaluate {tmp}/lacking", "set lacks 1 of 2 parts"),
+        ("evaluate {tmp}/mixed", "mixed/ holds 4 rows; valid: 5 as in its set.json"),
+        ("evaluate {base}/sets/tested --models {tmp}/none", "single-spiral.onnx: No such file"),
+        ("evaluate {base}/sets/tested --models {tmp}/swapped", "holds single-spiral; valid: "),
+        ("evaluate {base}/sets/tested --models {tmp}/cut", "single-grid.onnx: not an ONNX file"),
+        ("reproduce {tmp}/new --small --seed -1", "seed is -1; valid: 0 or more"),
+        ("reproduce {tmp}/file --small", "Not a directory"),
+        ("reproduce {tmp}/new --small --processes 0", "0 processes; valid: 1 or more"),
+        ("reproduce {tmp}/new --small --cluster tcp://127.0.0.1:1", "no Dask scheduler"),
+        ("reproduce {tmp}/new --small --captures {tmp}/none", "no folder {tmp}/none"),
+    ],
+)
+def test_errors(line: str, said: str, base: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "file").touch()
+    for name, text in (("damaged", '{"rows": '), ("list", "[]")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "set.json").write_text(text)
+    for name in ("torn", "lacking"):
+        shutil.copytree(base / "sets" / "tested", tmp_path / name)
+    (tmp_path / "torn" / "part-00000.parquet").write_bytes(b"PAR1")
+    (tmp_path / "lacking" / "part-00000.parquet").unlink()
+    shutil.copytree(base / "sets" / "real", tmp_path / "mixed")
+    made = tmp_path / "mixed" / "set.json"
+    made.write_text(made.read_text().replace('"count": 4', '"count": 5'))
+    for name in ("swapped", "cut"):
+        shutil.copytree(base / "models", tmp_path / name)
+    models = base / "models"
+    shutil.copy(models / "single-spiral.onnx", tmp_path / "swapped" / "single-grid.onnx")
+    (tmp_path / "cut" / "single-grid.onnx").write_bytes(
+        (models / "single-grid.onnx").read_bytes()[:900]
+    )
+    places = {"tmp": str(tmp_path), "base": str(base)}
+    assert main([word.format(**places) for word in line.split()]) == 2
+    assert said.format(**places) in one_line(capsys)
+    assert not (tmp_path / "new").exists() or not list((tmp_path / "new").glob("part-*"))
+
+
+def test_models_for_other_lines(base: Path, tmp_path: Path, capsys) -> None:
+    out = str(tmp_path / "five")
+    assert main(["simulate", out, "--count", "1", "--lines", "5", "--processes", "1"]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", out, "--models", str(base / "models")]) == 2
+    assert "was trained for 3 lines a face, the set has 5" in one_line(capsys)
+
+
+# ---- simulate
+
+
+def test_simulate_to_a_url_and_again(tmp_path: Path, capsys) -> None:
+    words = ["--count", "3", "--seed", "5", "--keep-captures"]
+    url = f"memory://{tmp_path.name}/set"
+    assert main(["simulate", url, *words, "--processes", "1"]) == 0
+    assert capsys.readouterr().out.startswith(f"{url}: 3 scenarios, ")
+    scenario_of_row.cache_clear()
+    folder = tmp_path / "set"
+    assert main(["simulate", str(folder), *words, "--processes", "2"]) == 0
+    names = ["set.json", "part-00000.parquet", *(f"capture-{k:06d}.npz" for k in range(3))]
+    assert sorted(files(folder)) == sorted(names)
+    for name in names:
+        assert Store(url).read(name) == (folder / name).read_bytes(), name
+    config, rows = read_set(Store(url))
+    assert (config.rows.seed, rows.count) == (5, 3)
+    for number in range(3):
+        kept = Capture.load(folder / f"capture-{number:06d}.npz")
+        fresh, _ = scenario_of_row(config.rows, number).capture("xtion")
+        assert np.array_equal(kept.depth, fresh.depth)
+        assert np.array_equal(kept.T_base_camera, fresh.T_base_camera)
+
+
+def test_physics_keeps_what_stands(tmp_path: Path, monkeypatch, capsys) -> None:
+    pytest.importorskip("mujoco", reason="extra sim")
+
+    def scene(name: str, *words: str) -> str:
+        scenario_of_row.cache_clear()
+        out = str(tmp_path / name)
+        words = (out, "--count", "1", "--seed", "3", "--processes", "1", *words)
+        assert main(["simulate", *words]) == 0
+        return str(read_set(Store(out))[1]["scene"][0])
+
+    drawn = scene("drawn")
+    assert scene("settled", "--physics") == drawn  # the scenes are made to stand
+    fallen = iter([Settling(0.1, 0.0), Settling(0.0, 0.5), Settling(0.0, 0.0)])
+    monkeypatch.setattr("boxgrasp.simulate.scenario.settles", lambda _: next(fallen))
+    assert scene("again", "--physics") != drawn
+    assert next(fallen, None) is None
+    scenario_of_row.cache_clear()
+
+
+def test_physics_without_mujoco(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    scenario_of_row.cache_clear()
+    out = str(tmp_path / "out")
+    assert main(["simulate", out, "--count", "1", "--physics", "--processes", "1"]) == 2
+    assert "pip install 'boxgrasp[sim]'" in one_line(capsys)
