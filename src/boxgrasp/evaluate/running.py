@@ -45,7 +45,7 @@ def read_running(parts: list[bytes]) -> Mapping[str, Array]:
 def _runs(config: RowConfig, number: int) -> list[tuple[Array, Array, Floats]]:
     scenario, chosen = scenario_of_row(config, number), selector("given", config.lines, config.thin)
     frames = [scenario.capture(config.recipe.noise, k) for k in range(BEFORE + config.runs)]
-    rays = [(frame.valid_points()[0][:: config.thin], np.zeros((1, 3))) for frame, _ in frames]
+    rays = [(frame.valid_points()[0][:: config.thin], np.zeros(3)) for frame, _ in frames]
     cells = replace(chosen.config.occupancy, resolution_m=RESOLUTION_M["grid"])
     T_source_map: Floats | None = None
     found: list[tuple[Array, Array, Floats]] = []

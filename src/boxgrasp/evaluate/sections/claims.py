@@ -33,7 +33,7 @@ def claims(study: Study) -> tuple[Claim, ...]:
     noise = difference(by_scene, study.board("real-clean").worth(CASCADE).score)
     changing, scenes = len(changed_scenes(real, runs)), real.rows.count // runs
     steady = len(changed_scenes(study.board("real-fused"), runs))
-    running, _ = changed_running(study, "xtion")
+    running = {noise: changed_running(study, noise)[0] for noise in ("xtion", "strong")}
     labels = study.rows("labels").count
     lost, lost_noisy = lost_options(board), lost_options(once)
     return (
@@ -95,10 +95,11 @@ def claims(study: Study) -> tuple[Claim, ...]:
         Claim(
             "Noise changes few decisions: 2 of 42.",
             "section 5-2-3",
-            YES if running <= round(2 * scenes / 42) else NO,
-            f"{running} of {scenes} with a map that runs on as the thesis's did and an Xtion's "
-            f"noise. With strong noise and a map begun anew for each decision, {changing} with one "
-            f"frame and {steady} with ten: cells that one stray point fills flip.",
+            YES if max(running.values()) <= round(2 * scenes / 42) else NO,
+            f"With a map that runs on as the thesis's did: {running['strong']} of {scenes} under "
+            f"strong noise, {running['xtion']} under an Xtion's. With a map begun anew for each "
+            f"decision: {changing} with one frame, {steady} with ten. One stray point fills a cell, "
+            "and a cell or two decide between options that are nearly as good.",
         ),
     )  # fmt: skip
 
