@@ -118,6 +118,7 @@ def test_base_is_whole(base: Path) -> None:
         assert read_set(Store(base), f"sets/{name}/")[1].count == count
 
 
+@pytest.mark.slow
 def test_killed_twice_and_resumed(base: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     first = start(out, "--processes", "2")
@@ -137,6 +138,7 @@ def test_killed_twice_and_resumed(base: Path, tmp_path: Path) -> None:
         assert files(out)[name].stat().st_mtime_ns == written, f"{name} was made again"
 
 
+@pytest.mark.slow
 def test_dask_cluster_that_loses_a_worker(base: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="extra cluster")
     out = tmp_path / "out"

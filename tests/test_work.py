@@ -226,6 +226,18 @@ def test_task_that_always_kills_its_worker_is_told() -> None:
         list(workers.run(work_tasks.die, [1]))
 
 
+def test_script_without_a_guard_is_told(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from boxgrasp.work import local_workers\n"
+        "with local_workers(2) as workers:\n"
+        "    list(workers.run(abs, [1]))\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "exit status 1; has the main script its `if __name__" in done.stderr.splitlines()[-1]
+
+
 @pytest.mark.parametrize("kind", ["one", "two", "dask"])
 def test_task_exception_ends_the_run(kind: str, running: Cluster, tmp_path: Path) -> None:
     tasks = {f"{i:03}": i for i in range(100)}

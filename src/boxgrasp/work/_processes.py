@@ -54,7 +54,7 @@ class ProcessWorkers:
                     if deaths[index] == _DEATHS:
                         raise WorkError(
                             f"task {index} of {len(tasks)} ended its worker process {_DEATHS} "
-                            f"times, the last time by {worker.end_by}; is there enough memory?"
+                            f"times, the last time by {worker.end_by}"
                         )
                     left.appendleft(index)
                 self._hand_out(left, function, tasks)  # before the caller takes its time
@@ -134,7 +134,9 @@ class _Worker:
     @property
     def end_by(self) -> str:
         code = self.process.exitcode or 0
-        return signal.Signals(-code).name if code < 0 else f"exit status {code}"
+        if code < 0:
+            return f"{signal.Signals(-code).name}; is there enough memory?"
+        return f'exit status {code}; has the main script its `if __name__ == "__main__"`?'
 
 
 def _serve(pipe: connection.Connection) -> None:
