@@ -16,27 +16,35 @@ from boxgrasp.clearance import score, strict_score, thesis_score
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.evaluate.choices import CHOOSERS, VERSIONS, Board, brain_of
 from boxgrasp.evaluate.worth import SHAPES, THESIS, categories, worth
+from boxgrasp.learn import eight
 from boxgrasp.learn.eight import EIGHT, examples, train_eight
+from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.rows import RowConfig, scenario_of_row
+from boxgrasp.learn.search import Grid, Search, train
 from boxgrasp.learn.sets import Rows, SetConfig, make_set, read_set
+from boxgrasp.models import load_model, ranked
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.target import Target
 from boxgrasp.work import Store, local_workers
 
 COUNT = 60
+TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]))
+FOUND = Search(4.0, 0.05, 0.5, TRIED, TRIED)
 TESTED = SetConfig(RowConfig(Recipe(targets_of("all"), obstacles=(2, 4)), 22), 16)
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small set, tested scenarios, and models trained on the one."""
+    """A small set, tested scenarios, and models trained on the one with C and gamma held."""
     folder = tmp_path_factory.mktemp("study")
     store = Store(folder)
     labels = SetConfig(RowConfig(Recipe(targets_of("known")), 21), COUNT)
     with local_workers(1) as workers:
         make_set(store, "labels/", labels, workers, "")
         make_set(store, "tested/", TESTED, workers, "")
-        train_eight(store, "models/", read_set(store, "labels/"), workers)
+        with pytest.MonkeyPatch.context() as patch:  # the search has tests of its own
+            patch.setattr(eight, "search", lambda X, y, seed: FOUND)
+            train_eight(store, "models/", read_set(store, "labels/"), workers)
     return folder
 
 
@@ -160,3 +168,19 @@ def test_unlabelled_rows_cannot_teach(board: Board) -> None:
     rows = Rows({**board.rows, "label": np.zeros(board.rows.count, dtype=np.int64)})
     with pytest.raises(ConfigError, match="without a label"):
         examples(rows, EIGHT[0], 3, None)
+
+
+def test_scikit_learn_the_file_and_the_first_preference_agree_on_every_scene(place: Path) -> None:
+    store = Store(place)
+    labels, tested = read_set(store, "labels/")[1], read_set(store, "tested/")[1]
+    edge = largest_edge_m(labels)
+    for svm in EIGHT:
+        model = load_model(store.read(f"models/{svm.name}.onnx"))
+        X, y = examples(labels, svm, 3, edge)
+        own = train(X, y, model.record.C, model.record.gamma)
+        scenes = [X, examples(tested, svm, 3, edge)[0]]
+        for rows in scenes:
+            label, decision = model.decide(rows)
+            assert np.array_equal(own.predict(rows), label)
+            first = ranked(label, decision, model.classes, range(1, 16))[:, 0]
+            assert np.array_equal(first, label)

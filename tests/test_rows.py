@@ -16,7 +16,14 @@ from boxgrasp.errors import ConfigError
 from boxgrasp.learn.matrices import largest_edge_m, line_matrix, single_matrix
 from boxgrasp.learn.rows import CELLS_M, NUMBERS, RowConfig, row_of, scenario_of_row, selector
 from boxgrasp.learn.sets import (
-    SetConfig, capture_bytes, from_parquet, joined, make_set, part, read_set, to_parquet,
+    SetConfig,
+    capture_bytes,
+    from_parquet,
+    joined,
+    make_set,
+    part,
+    read_set,
+    to_parquet,
 )  # fmt: skip
 from boxgrasp.samples import RESOLUTION_M, sampling
 from boxgrasp.simulate.scenario import Recipe, targets_of
@@ -142,3 +149,13 @@ def test_a_kept_capture_is_the_one_that_was_seen(tmp_path: Path) -> None:
     assert np.array_equal(kept.depth, fresh.depth)
     assert kept.target_pixel == fresh.target_pixel
     assert np.array_equal(np.load(path, allow_pickle=False)["labels"], labels)
+
+
+def test_the_true_box_holds_the_target_s_surfaces(rows) -> None:
+    for k in range(rows.count):
+        scene = scenario_of_row(CONFIG, k).scene
+        middle, size = rows["true_box"][k][:3], rows["true_dimensions_m"][k]
+        assert middle[2] - size[2] / 2 == pytest.approx(scene.table_height_m)
+        for solid in scene.target:
+            away = np.abs(solid.T_base_solid[:3, 3] - middle) + solid.half_size
+            assert (away <= size / 2 + 1e-9).all()

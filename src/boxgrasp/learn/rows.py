@@ -27,7 +27,7 @@ from boxgrasp.samples import RESOLUTION_M, portion, sampling
 from boxgrasp.scene import Scene
 from boxgrasp.select import GraspSelector, Sight
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
-from boxgrasp.simulate.truth import option_truth
+from boxgrasp.simulate.truth import option_truth, true_box
 from boxgrasp.target import Target
 
 SIGHTS = ("given", "found")
@@ -166,6 +166,7 @@ def _states(local_map: LocalMap, points: Array) -> Array:
 
 
 def _truth_columns(scenario: Scenario) -> Row:
+    T_base_box, dimensions_m = true_box(scenario.scene, mode="aligned")
     return {
         "seed": scenario.seed,
         "number": scenario.number,
@@ -173,6 +174,8 @@ def _truth_columns(scenario: Scenario) -> Row:
         "scene": json.dumps(scenario.scene.spec, sort_keys=True),
         "feasible": scenario.feasible,
         "best_m": scenario.truth.best_m,
+        "true_box": np.array([*T_base_box[:3, 3], 0.0]),
+        "true_dimensions_m": dimensions_m,
         **{f"true_{name}": getattr(scenario.truth, name) for name in TRUTHS},
     }
 

@@ -189,6 +189,8 @@ def schema(config: RowConfig) -> Any:
         ("scene", pa.string()),
         ("feasible", pa.bool_()),
         ("best_m", pa.float64()),
+        ("true_box", pa.list_(pa.float64(), 4)),
+        ("true_dimensions_m", pa.list_(pa.float64(), 3)),
         *((f"true_{name}", flags if name == "fits" else metres) for name in TRUTHS),
         ("label", pa.int64()),
         ("label_source", pa.string()),

@@ -98,8 +98,8 @@ def claims(study: Study) -> tuple[Claim, ...]:
             YES if max(running.values()) <= round(2 * scenes / 42) else NO,
             f"With a map that runs on as the thesis's did: {running['strong']} of {scenes} under "
             f"strong noise, {running['xtion']} under an Xtion's. With a map begun anew for each "
-            f"decision: {changing} with one frame, {steady} with ten. One stray point fills a cell, "
-            "and a cell or two decide between options that are nearly as good.",
+            f"decision: {changing} with one frame, {steady} with ten. One stray point fills a "
+            "cell, and a cell or two decide between options that are nearly as good.",
         ),
     )  # fmt: skip
 
