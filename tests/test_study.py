@@ -32,9 +32,6 @@ from boxgrasp.learn.sets import read_set
 from boxgrasp.simulate.physics import Settling
 from boxgrasp.work import Store
 
-# One base run for the file.
-pytestmark = pytest.mark.xdist_group("study")
-
 SEED = 1
 REPRODUCE = [
     sys.executable, str(Path(tiny_study.__file__)), "reproduce", "--small", "--seed", str(SEED),
@@ -80,7 +77,7 @@ def assert_same(out: Path, base: Path) -> None:
 
 @pytest.fixture(scope="session")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The study by one process."""
+    """The study by one process; made once where xdist keeps a file together (`loadfile`)."""
     out = tmp_path_factory.mktemp("base") / "out"
     end(start(out, "--processes", "1"), out)
     return out

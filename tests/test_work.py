@@ -26,9 +26,6 @@ from cluster import Cluster, cluster
 from boxgrasp.errors import MissingExtraError, StoreError, WorkError
 from boxgrasp.work import Store, Workers, cluster_workers, finish, local_workers, workers_for
 
-# One cluster for the file, and what counts processes and seconds runs by itself.
-pytestmark = pytest.mark.xdist_group("work")
-
 progressing = importlib.import_module("boxgrasp.work.progress")
 FINISH = """
 import sys
