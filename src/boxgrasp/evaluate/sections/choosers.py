@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from boxgrasp.config import Config
 from boxgrasp.evaluate.choices import CHOOSERS, Board
 from boxgrasp.evaluate.intervals import Estimate, mean, share
 from boxgrasp.evaluate.plots import chooser_points
@@ -19,7 +20,6 @@ SEEN = {
     "given": "target points and aligned box given",
     "found": "found by the package, its own box",
 }
-DEFAULT = "clearance"
 
 
 def choosers_section(study: Study) -> Section:
@@ -40,9 +40,10 @@ def choosers_section(study: Study) -> Section:
             "exact surfaces, hidden sides included. The strict score counts only picks that fit, "
             "stay off the table and have a free approach, against the best there is; good ones are "
             "clear by 2 cm too. Scores and shares are of the answers.",
-            f"The default chooser is the one that scores best (strictly, checked, target found by "
-            f"the package) without a grasp into the table: {best}. An SVM's first option that "
-            "passes may be clear by little more than 2 cm, where the most room is worth most.",
+            f"Best without a grasp into the table (strict score over all scenarios, checked, "
+            f"target found by the package): {best}. The package's default is {Config().chooser}. "
+            "An SVM's first option that passes may be clear by little more than 2 cm; most room "
+            "is what the score rewards.",
         ),
         rows=(
             Row(
