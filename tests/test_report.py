@@ -20,9 +20,8 @@ from boxgrasp.evaluate.report import (
     Table,
     read,
     to_json,
-    write,
 )
-from boxgrasp.evaluate.report_pages import cell, markdown, row_cells, theirs
+from boxgrasp.evaluate.report_pages import cell, markdown, row_cells, theirs, write
 from boxgrasp.evaluate.report_pages import html as page
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="4" height="4"><circle r="2"/></svg>'

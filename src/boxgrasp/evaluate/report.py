@@ -139,33 +139,11 @@ class Report:
             yield from section.rows
 
 
-class Writes(Protocol):
-    """A place to keep named bytes."""
-
-    def write(self, name: str, data: bytes) -> None:
-        """Keep the bytes under the name."""
-
-
 class Reads(Protocol):
     """A place that keeps named bytes."""
 
     def read(self, name: str) -> bytes:
         """What is kept under the name."""
-
-
-def write(report: Report, store: Writes) -> None:
-    """Keep report.html (all in one file), report.md, report.json, and pictures/* beside them.
-
-    Raises:
-        MissingExtraError: jinja2 is not installed.
-    """
-    from boxgrasp.evaluate.report_pages import html, markdown
-
-    for picture in report.pictures():
-        store.write(picture.file, picture.data)
-    store.write("report.json", to_json(report))
-    store.write("report.md", markdown(report).encode())
-    store.write("report.html", html(report).encode())
 
 
 def to_json(report: Report) -> bytes:

@@ -7,11 +7,11 @@ import math
 import re
 from collections import Counter
 from importlib.resources import files
-from typing import Final
+from typing import Final, Protocol
 
 from boxgrasp.errors import MissingExtraError
 from boxgrasp.evaluate.intervals import Estimate
-from boxgrasp.evaluate.report import Cell, Claim, Picture, Report, Row, Table, Verdict
+from boxgrasp.evaluate.report import Cell, Claim, Picture, Report, Row, Table, Verdict, to_json
 
 DASH: Final = "–"
 ASIDE: Final = {
@@ -23,6 +23,26 @@ ASIDE: Final = {
 COLUMNS: Final = ("figure", "thesis", "ours", "95 % interval", "of", "thesis's figure", "note")
 VERDICTS: Final[dict[Verdict, str]] = {"reproduced": "✓", "different": "≈", "not reproduced": "✗"}
 _CODE = re.compile(r"`([^`\n]+)`")
+
+
+class Writes(Protocol):
+    """A place to keep named bytes."""
+
+    def write(self, name: str, data: bytes) -> None:
+        """Keep the bytes under the name."""
+
+
+def write(report: Report, store: Writes) -> None:
+    """Keep report.html (all in one file), report.md, report.json, and pictures/* beside them.
+
+    Raises:
+        MissingExtraError: jinja2 is not installed.
+    """
+    for picture in report.pictures():
+        store.write(picture.file, picture.data)
+    store.write("report.json", to_json(report))
+    store.write("report.md", markdown(report).encode())
+    store.write("report.html", html(report).encode())
 
 
 def html(report: Report) -> str:

@@ -7,7 +7,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from boxgrasp import __version__
-from boxgrasp.evaluate.report import Report, Section, write
+from boxgrasp.evaluate.report import Report, Section
+from boxgrasp.evaluate.report_pages import write
 from boxgrasp.evaluate.sections.captures import captures_section
 from boxgrasp.evaluate.sections.chapter5 import chapter5_section
 from boxgrasp.evaluate.sections.choosers import choosers_section
