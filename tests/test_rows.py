@@ -13,6 +13,7 @@ pytest.importorskip("onnx", reason="extra train")
 
 from boxgrasp import features
 from boxgrasp.errors import ConfigError
+from boxgrasp.label import Label
 from boxgrasp.learn.matrices import largest_edge_m, line_matrix, single_matrix
 from boxgrasp.learn.rows import CELLS_M, NUMBERS, RowConfig, row_of, scenario_of_row, selector
 from boxgrasp.learn.sets import (
@@ -159,3 +160,26 @@ def test_the_true_box_holds_the_target_s_surfaces(rows) -> None:
         for solid in scene.target:
             away = np.abs(solid.T_base_solid[:3, 3] - middle) + solid.half_size
             assert (away <= size / 2 + 1e-9).all()
+
+
+def test_an_object_file_that_changed_is_another_set(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    block = "objects:\n  block:\n    set: known\n    colour: [9, 9, 9]\n    parts:\n"
+    file.write_text(block + "      - {shape: box, dimensions_m: [0.06, 0.06, 0.12]}\n")
+    rows = RowConfig(Recipe(("block",), objects=str(file), obstacles=(0, 0)), 1)
+    store = Store(tmp_path / "set")
+    with local_workers(1) as workers:
+        make_set(store, "", SetConfig(rows, 1), workers, "")
+        file.write_text(block + "      - {shape: box, dimensions_m: [0.06, 0.06, 0.13]}\n")
+        with pytest.raises(ConfigError, match="objects_sha256"):
+            make_set(store, "", SetConfig(rows, 1), workers, "")
+
+
+def test_whoever_labels_comes_through_the_same_door() -> None:
+    class Person:
+        def label(self, shown, rng) -> Label:
+            assert shown.options.width_m.shape == (15,)
+            return Label(7, "a person")
+
+    row = row_of(CONFIG, 0, Person())
+    assert (row["label"], row["label_source"]) == (7, "a person")

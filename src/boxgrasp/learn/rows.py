@@ -20,7 +20,7 @@ from boxgrasp.box import Box
 from boxgrasp.capture import Capture
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.frames import Array, make_transform, readonly, rotation_z
-from boxgrasp.label import Shown
+from boxgrasp.label import Operator, Shown
 from boxgrasp.label.operator import StandIn
 from boxgrasp.occupancy import LocalMap
 from boxgrasp.samples import RESOLUTION_M, portion, sampling
@@ -42,6 +42,7 @@ NUMBERS = (
 TRUTHS = ("clearance_m", "support_m", "approach_m", "fits")
 
 Row = dict[str, Any]
+STAND_IN = StandIn()
 
 
 @dataclass(frozen=True)
@@ -70,15 +71,16 @@ class RowConfig:
             raise ConfigError(f"lines is {self.lines}; valid: 1 to 99")
 
 
-def row_of(config: RowConfig, number: int) -> Row:
-    """Row `number` of a set: its scenario drawn, cast, seen and labelled."""
+def row_of(config: RowConfig, number: int, operator: Operator = STAND_IN) -> Row:
+    """Row `number` of a set: its scenario drawn, cast, seen and labelled by the operator."""
     number, run = divmod(number, config.runs)
     scenario = scenario_of_row(config, number)
     seen = [
         scenario.capture(config.recipe.noise, run * config.frames + k) for k in range(config.frames)
     ]
     capture, labels = seen[0]
-    return scenario_row(scenario, capture, labels, config, run, [view for view, _ in seen[1:]])
+    scans = [view for view, _ in seen[1:]]
+    return scenario_row(scenario, capture, labels, config, run, scans, operator)
 
 
 @lru_cache(maxsize=2)
@@ -94,6 +96,7 @@ def scenario_row(
     config: RowConfig,
     run: int = 0,
     scans: Sequence[Capture] = (),
+    operator: Operator = STAND_IN,
 ) -> Row:
     """The row of one view of a scenario.
 
@@ -114,7 +117,7 @@ def scenario_row(
             continue
         if name == "given":
             blocked = np.ascontiguousarray(sight.scene.points[sight.aim.others])
-            label = StandIn().label(shown(sight, chosen), scenario.rng(OPERATOR))
+            label = operator.label(shown(sight, chosen), scenario.rng(OPERATOR))
             row |= {"label": label.label, "label_source": label.source}
         row |= {f"{name}_{key}": value for key, value in _sight_columns(sight, scenario).items()}
         if blocked is not None:

@@ -6,6 +6,7 @@ cast again from the seed, or kept as `capture-000000.npz`.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,6 +30,7 @@ from boxgrasp.learn.rows import (
     sample_points,
     scenario_of_row,
 )  # fmt: skip
+from boxgrasp.simulate.objects import load_objects
 from boxgrasp.strict import build, plain
 from boxgrasp.work import Store, Workers, finish
 
@@ -40,6 +42,8 @@ FLAGS = ("fits", "known")
 class SetConfig:
     """A set's rows, how many there are, and the version that made them.
 
+    objects_sha256: of the object set as it is read now, so that a set is never made of two.
+
     Raises:
         ConfigError: no rows.
     """
@@ -47,8 +51,12 @@ class SetConfig:
     rows: RowConfig
     count: int
     version: str = __version__
+    objects_sha256: str = ""
 
     def __post_init__(self) -> None:
+        if not self.objects_sha256:
+            said = repr(dict(load_objects(self.rows.recipe.objects))).encode()
+            object.__setattr__(self, "objects_sha256", hashlib.sha256(said).hexdigest())
         if self.count < 1:
             raise ConfigError(f"count is {self.count}; valid: 1 or more")
 

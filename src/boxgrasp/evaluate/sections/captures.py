@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import tempfile
 from collections import Counter
@@ -32,7 +33,7 @@ def captures_section(study: Study, folder: Path) -> Section:
     lines, pictures, skipped = [], [], []
     changed = {"bare": 0, "checked": 0}
     for path in paths:
-        name = f"captures/{path.stem}"
+        name = f"captures/{path.stem}-{_digest(path)}"
         if not study.store.exists(f"{name}.json"):
             picture, found = _judge(path, _selectors(study), study.scale.runs, study.seed)
             if picture:
@@ -101,6 +102,15 @@ def _judge(
     except BoxgraspError as error:
         return None, {"skipped": str(error)}
     return picture, {"targets": items}
+
+
+def _digest(path: Path) -> str:
+    """Eight hexadecimal digits of what is in a file, or in the files of a folder."""
+    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    found = hashlib.sha256()
+    for file in files:
+        found.update(file.name.encode() + file.read_bytes())
+    return found.hexdigest()[:8]
 
 
 def _targets(capture: Capture, selector: GraspSelector) -> list[Target | None]:
