@@ -10,7 +10,12 @@ import pytest
 
 from boxgrasp.errors import SceneError
 from boxgrasp.simulate.scenario import (
-    NOISES, Recipe, draw_scenario, mirrored, scenario_of, targets_of,
+    NOISES,
+    Recipe,
+    draw_scenario,
+    mirrored,
+    scenario_of,
+    targets_of,
 )  # fmt: skip
 from boxgrasp.simulate.scenes import build_scene
 
