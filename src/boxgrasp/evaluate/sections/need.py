@@ -91,7 +91,8 @@ def pooled_section(study: Study) -> Section:
                 mean(np.concatenate((simulated, _by_scene(real, ours)))),
             ),
         ]
-    counts = tuple(_add(_counts(board, n), _counts(real, n, every=10)) for n in TABLE_4_2)
+    runs = study.scale.runs
+    counts = tuple(_add(_counts(board, n), _counts(real, n, every=runs)) for n in TABLE_4_2)
     return Section(
         key="pooled",
         title="Out-of-bias need, pooled",
