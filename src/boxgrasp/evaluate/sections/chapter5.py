@@ -61,8 +61,8 @@ def chapter5_section(study: Study) -> Section:
         words=(
             "An obstacle is missed by a sampling where it reaches into the half sphere but no "
             "sample that reads occupied lies within half a cell's diagonal of it; a few stand in "
-            "another's shadow. Options are lost to coarse cells where their hand is clear by 2 cm in "
-            "truth and fits, but meets an occupied cell that does not touch the target's box.",
+            "another's shadow. Options are lost to coarse cells where their hand is clear by 2 cm "
+            "in truth and fits, but meets an occupied cell that does not touch the target's box.",
             "A version falls back on bias where its pick is unfeasible and lies on the face "
             "that the operator took most often for that target in training (known targets).",
         ),
