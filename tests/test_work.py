@@ -453,3 +453,10 @@ def test_bar_on_a_terminal_that_knows_ascii_alone(monkeypatch: pytest.MonkeyPatc
     sys.stderr.flush()
     told = raw.getvalue().decode("ascii")
     assert "train [1/2]" in told and "3/4" in told
+
+
+def test_no_message_shows_a_password(tmp_path):
+    assert str(Store("memory://user:secret@place/x")) == "memory://place/x"
+    with pytest.raises(StoreError) as failure:
+        Store("nosuch://user:secret@place/x")
+    assert "secret" not in str(failure.value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from pathlib import Path
 from typing import Any
 from urllib.request import url2pathname
@@ -32,7 +33,7 @@ class Store:
             self._remote, self._root = _file_system(self.place)
 
     def __str__(self) -> str:
-        return self.place.rstrip("/")
+        return _without_password(self.place.rstrip("/"))
 
     def exists(self, name: str) -> bool:
         """Whether something is kept under the name."""
@@ -108,6 +109,11 @@ class _told:  # noqa: N801 - reads as a verb where it is used
             raise StoreError(f"{self.where}: {what}; valid: a place to read and write") from None
 
 
+def _without_password(text: str) -> str:
+    """A URL as it may be printed."""
+    return re.sub(r"//[^/@\s]*@", "//", text)
+
+
 def _file_system(url: str) -> tuple[Any, str]:
     try:
         import fsspec
@@ -118,5 +124,6 @@ def _file_system(url: str) -> tuple[Any, str]:
     try:
         system, path = fsspec.core.url_to_fs(url)
     except (ValueError, ImportError, OSError) as error:
-        raise StoreError(f"{url}: {error}; valid: a folder or an fsspec URL") from None
+        said = f"{_without_password(url)}: {type(error).__name__}: {_without_password(str(error))}"
+        raise StoreError(f"{said}; valid: a folder or an fsspec URL") from None
     return system, str(path)
