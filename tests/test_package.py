@@ -21,7 +21,6 @@ from boxgrasp.simulate import demo_capture
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
 
-pytestmark = [pytest.mark.xdist_group("package")]
 PIP = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "--no-input"]
 OFFLINE = ("NewConnectionError", "name resolution", "ConnectTimeout", "ProxyError")
 

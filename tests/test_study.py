@@ -27,8 +27,12 @@ import boxgrasp.evaluate.study as study
 import boxgrasp.learn.sets as sets
 from boxgrasp import Capture, __version__
 from boxgrasp.cli import main
+from boxgrasp.evaluate.sections.captures import captures_section
+from boxgrasp.learn.eight import EIGHT
 from boxgrasp.learn.rows import scenario_of_row
 from boxgrasp.learn.sets import read_set
+from boxgrasp.models import SHIPPED
+from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
 from boxgrasp.work import Store
 
@@ -317,3 +321,30 @@ def test_physics_without_mujoco(tmp_path: Path, monkeypatch, capsys) -> None:
     out = str(tmp_path / "out")
     assert main(["simulate", out, "--count", "1", "--physics", "--processes", "1"]) == 2
     assert "pip install 'boxgrasp[sim]'" in one_line(capsys)
+
+
+def test_captures_are_decided_again_and_bad_ones_left_out(tmp_path: Path) -> None:
+    folder = tmp_path / "captures"
+    folder.mkdir()
+    view = demo_capture()
+    for name in ("a table", "b"):
+        np.savez(
+            folder / f"{name}.npz",
+            depth=view.depth,
+            intrinsics=view.intrinsics,
+            T_base_camera=view.T_base_camera,
+            target_pixel=view.target_pixel,
+        )
+    (folder / "broken.npz").write_bytes(b"no archive")
+    (folder / "empty").mkdir()
+    store = Store(tmp_path / "out")
+    for svm in EIGHT:
+        store.write(f"models/{svm.name}.onnx", (SHIPPED / f"{svm.name}.onnx").read_bytes())
+    small = study.Study(store, None, SEED, study.Scale(runs=2))  # type: ignore[arg-type]
+    section = captures_section(small, folder)
+    assert [row[0] for row in section.tables[0].rows] == ["a table", "b"]
+    assert all("(2)" in row[2] or "(1)" in row[2] for row in section.tables[0].rows)
+    assert "broken" in section.words[-1]
+    assert "empty" in section.words[-1]
+    assert len({picture.name for picture in section.pictures}) == 2
+    assert captures_section(small, folder) == section  # kept, and read back the same

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -33,7 +34,8 @@ def captures_section(study: Study, folder: Path) -> Section:
     lines, pictures, skipped = [], [], []
     changed = {"bare": 0, "checked": 0}
     for path in paths:
-        name = f"captures/{path.stem}-{_digest(path)}"
+        key = f"{re.sub('[^A-Za-z0-9._-]', '-', path.stem)}-{_digest(path)}"
+        name = f"captures/{key}"
         if not study.store.exists(f"{name}.json"):
             picture, found = _judge(path, _selectors(study), study.scale.runs, study.seed)
             if picture:
@@ -49,7 +51,7 @@ def captures_section(study: Study, folder: Path) -> Section:
                 changed[kind] += item[f"{kind}_changes"]
         pictures.append(
             Picture(
-                f"capture-{path.stem}",
+                f"capture-{key}",
                 f"{path.stem}: cascade grid, checked, {found['targets'][0]['target']}.",
                 png=study.store.read(f"{name}.png"),
                 alt=f"Chosen grasp on the real capture {path.stem}",
@@ -97,6 +99,8 @@ def _judge(
         if capture.depth is None:
             return None, {"skipped": "a cloud, without an image's noise"}
         targets = _targets(capture, selectors[1])
+        if not targets:
+            return None, {"skipped": "no target"}
         items = [_decisions(capture, target, selectors, runs, seed) for target in targets]
         picture = _picture(capture, selectors[1], targets[0])
     except BoxgraspError as error:
@@ -116,9 +120,8 @@ def _digest(path: Path) -> str:
 def _targets(capture: Capture, selector: GraspSelector) -> list[Target | None]:
     if capture.mask is not None or capture.target_pixel is not None:
         return [None]
-    count = min(MOST_TARGETS, len(selector.objects(capture)))
-    points = [selector.objects(capture)[k].pixel for k in range(count)]
-    return [Target(pixel=pixel) for pixel in points if pixel is not None]
+    pixels = [item.pixel for item in selector.objects(capture)[:MOST_TARGETS]]
+    return [Target(pixel=pixel) for pixel in pixels if pixel is not None]
 
 
 def _decisions(
