@@ -184,3 +184,11 @@ def test_scikit_learn_the_file_and_the_first_preference_agree_on_every_scene(pla
             assert np.array_equal(own.predict(rows), label)
             first = ranked(label, decision, model.classes, range(1, 16))[:, 0]
             assert np.array_equal(first, label)
+
+
+def test_other_labels_are_not_taken_for_those_trained_on(place: Path) -> None:
+    store = Store(place)
+    made, rows = read_set(store, "labels/")
+    again = Rows({**rows, "label": rows["label"][::-1].copy()})
+    with local_workers(1) as workers, pytest.raises(ConfigError, match="labels_sha256"):
+        train_eight(store, "models/", (made, again), workers)

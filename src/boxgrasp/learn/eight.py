@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import platform
 from collections.abc import Mapping
@@ -209,7 +210,9 @@ def train_eight(
     """
     if seed < 0:
         raise ConfigError(f"seed is {seed}; valid: 0 or more")
-    made = {"set": plain(labelled[0]), "seed": seed}
+    labels = np.ascontiguousarray(labelled[1]["label"], dtype="<i8").tobytes()
+    said = hashlib.sha256(labels).hexdigest()  # a set may have been labelled anew
+    made = {"set": plain(labelled[0]), "labels_sha256": said, "seed": seed}
     claim(store, f"{prefix}training/", "made.json", made, "models")
     finish(
         store, training_tasks(*labelled, f"{prefix}training/", seed), trained_json, workers, "train"
