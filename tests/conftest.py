@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-# Started in the background by a shell, Ctrl-C is ignored here and in every process started from here.
+# Where a shell started the suite in the background, Ctrl-C is ignored here and by every child.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
