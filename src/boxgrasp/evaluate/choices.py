@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from boxgrasp.check import Numbers
 from boxgrasp.choosers import Setup, Situation, chooser_named
 from boxgrasp.errors import ModelError
-from boxgrasp.evaluate.worth import ASK, Worth, worth
+from boxgrasp.evaluate.worth import ASK, Worth, categories, worth
 from boxgrasp.frames import Array, Floats, Points
 from boxgrasp.gripper import Gripper
 from boxgrasp.learn.eight import EIGHT, Part, Svm
@@ -130,6 +130,7 @@ def checked(ordered: Array, passes: Array) -> Array:
     return np.where(passing.any(axis=1), first, ASK)
 
 
+_HAND = Gripper()  # the one that every row was made with
 CHOOSERS = (*PLAIN, *VERSIONS)
 
 
@@ -181,6 +182,11 @@ class Board:
         """What the picks are worth."""
         return worth(self.rows, sight, self.picks(chooser, sight, check))
 
+    def categories(self, chooser: str, which: Array | slice = slice(None)) -> tuple[int, int, int]:
+        """How many bare picks of some rows are red, yellow, green by the visible cloud (3-4)."""
+        best = self.rows["given_visible_m"].max(axis=1)
+        return categories(self.worth(chooser).visible_m[which], best[which])
+
     def take(self, which: Array) -> Board:
         """The board of some rows."""
         return Board(self.rows.take(which), self.brains)
@@ -189,11 +195,6 @@ class Board:
     def known(self) -> Array:
         """(N,) whether the target is one of the training's."""
         return np.isin(self.rows["target"], targets_of("known"))
-
-
-@cache
-def _gripper() -> Gripper:
-    return Gripper()
 
 
 def _situation(rows: Mapping[str, Array], sight: str, k: int, lines: int) -> Situation:
@@ -216,4 +217,4 @@ def _situation(rows: Mapping[str, Array], sight: str, k: int, lines: int) -> Sit
         nearest=unknown,
         nearest_on_way=unknown,
     )
-    return Situation(box, options_of(box, _gripper(), lines), numbers, {})
+    return Situation(box, options_of(box, _HAND, lines), numbers, {})

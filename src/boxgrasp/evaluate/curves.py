@@ -13,7 +13,7 @@ from boxgrasp.evaluate.choices import Brain, Decider
 from boxgrasp.frames import Array, Floats, Points
 from boxgrasp.learn.eight import Part, Svm, examples
 from boxgrasp.learn.matrices import largest_edge_m
-from boxgrasp.learn.rows import RowConfig, scenario_of_row, selector
+from boxgrasp.learn.rows import RowConfig, scenario_of_row, selector, states_at
 from boxgrasp.learn.search import train
 from boxgrasp.samples import grid
 from boxgrasp.target import Target
@@ -105,8 +105,7 @@ def dense_part(task: tuple[RowConfig, range]) -> bytes:
         mask = Target(mask=labels == scenario.scene.target_label)
         sight = selector("given", config.lines).sight(capture, mask, cells_m=CELLS_M)
         for size in CELLS_M:
-            values = sight.situation.maps[size].values_at(grid(size))
-            found[_name(size)].append((2 * values).astype(np.uint8))
+            found[_name(size)].append(states_at(sight.situation.maps[size], grid(size)))
     out = io.BytesIO()
     np.savez_compressed(out, **{name: np.array(values) for name, values in found.items()})  # type: ignore[arg-type]
     return out.getvalue()

@@ -161,10 +161,11 @@ def sample_points(name: str) -> tuple[Array, Array]:
 def occupied_at(local_map: LocalMap, name: str) -> tuple[Array, Array]:
     """uint8 occupancy (0 free, 1 unseen, 2 occupied) of a sampling's points and portions."""
     whole, parts = sample_points(name)
-    return _states(local_map, whole), _states(local_map, parts)
+    return states_at(local_map, whole), states_at(local_map, parts)
 
 
-def _states(local_map: LocalMap, points: Array) -> Array:
+def states_at(local_map: LocalMap, points: Array) -> Array:
+    """(N,) uint8 occupancy of points (map frame): 0 free, 1 unseen, 2 occupied."""
     return np.asarray((2 * local_map.values_at(points)).astype(np.uint8))
 
 

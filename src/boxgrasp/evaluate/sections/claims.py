@@ -9,7 +9,6 @@ from boxgrasp.evaluate.sections.chapter5 import lost_options
 from boxgrasp.evaluate.sections.need import CASCADE, SINGLE
 from boxgrasp.evaluate.sections.real import changed_running, changed_scenes
 from boxgrasp.evaluate.study import Study
-from boxgrasp.evaluate.worth import categories
 
 YES: Verdict = "reproduced"
 NO: Verdict = "not reproduced"
@@ -119,8 +118,7 @@ def unobstructed(board: Board) -> Estimate:
 
 def green(board: Board) -> Estimate:
     """Share of green picks of cascade grid."""
-    best = board.rows["given_visible_m"].max(axis=1)
-    counts = categories(board.worth(CASCADE).visible_m, best)
+    counts = board.categories(CASCADE)
     return share(counts[2], sum(counts))
 
 

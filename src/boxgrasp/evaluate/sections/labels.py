@@ -8,7 +8,6 @@ from boxgrasp.evaluate.intervals import mean, share
 from boxgrasp.evaluate.plots import category_shares, label_distribution
 from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.study import Study
-from boxgrasp.evaluate.worth import categories
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import FACES, FRONT, TOP_PARALLEL, TOP_PERPENDICULAR
 
@@ -19,8 +18,7 @@ def labels_section(study: Study) -> Section:
     rows, found = board.rows, board.worth("operator")
     label = rows["label"]
     face, line = (label - 1) // 3 + 1, (label - 1) % 3 + 1
-    best = rows["given_visible_m"].max(axis=1)
-    counts = categories(found.visible_m, best)
+    counts = board.categories("operator")
     upright = rows["target"] == "cereal_y"
     on_box = np.bincount(face[upright], minlength=6)[1:]
     by_face = np.bincount(face, minlength=6)[1:]

@@ -10,7 +10,6 @@ from boxgrasp.evaluate.plots import category_shares
 from boxgrasp.evaluate.report import Picture, Row, Section
 from boxgrasp.evaluate.sections.results import GROUPS, group_of
 from boxgrasp.evaluate.study import Study
-from boxgrasp.evaluate.worth import categories
 
 SINGLE, CASCADE = "single-grid", "cascade-grid"
 # Table 4-2, by group; table 4-3's real and pooled scores.
@@ -69,7 +68,7 @@ def need_section(study: Study) -> Section:
             Picture(
                 "figure-4-6",
                 f"Categories in {count} scenes that need a line off the centre (figure 4-6).",
-                svg=category_shares((SINGLE, CASCADE), tuple(_counts(board, n) for n in TABLE_4_2)),
+                svg=category_shares((SINGLE, CASCADE), _both(board)),
                 alt="Shares of red, yellow and green picks of single and cascade grid",
             ),
         ),
@@ -91,8 +90,8 @@ def pooled_section(study: Study) -> Section:
                 mean(np.concatenate((simulated, _by_scene(real, ours)))),
             ),
         ]
-    runs = study.scale.runs
-    counts = tuple(_add(_counts(board, n), _counts(real, n, every=runs)) for n in TABLE_4_2)
+    once = real.rows["run"] == 0
+    counts = tuple(_add(board.categories(n), real.categories(n, once)) for n in TABLE_4_2)
     return Section(
         key="pooled",
         title="Out-of-bias need, pooled",
@@ -107,7 +106,7 @@ def pooled_section(study: Study) -> Section:
             Picture(
                 "figure-4-8",
                 "Categories in the ad hoc scenes, all runs (figure 4-8).",
-                svg=category_shares((SINGLE, CASCADE), tuple(_counts(real, n) for n in TABLE_4_2)),
+                svg=category_shares((SINGLE, CASCADE), _both(real)),
                 alt="Shares of red, yellow and green picks, ad hoc scenes",
             ),
             Picture(
@@ -131,9 +130,9 @@ def _by_scene(board: Board, values: np.ndarray) -> np.ndarray:
     return np.array([values[numbers == number].mean() for number in np.unique(numbers)])
 
 
-def _counts(board: Board, name: str, every: int = 1) -> tuple[int, int, int]:
-    best = board.rows["given_visible_m"].max(axis=1)[::every]
-    return categories(board.worth(name).visible_m[::every], best)
+def _both(board: Board) -> tuple[tuple[int, int, int], ...]:
+    """Categories of single and cascade grid."""
+    return board.categories(SINGLE), board.categories(CASCADE)
 
 
 def _add(a: tuple[int, int, int], b: tuple[int, int, int]) -> tuple[int, int, int]:

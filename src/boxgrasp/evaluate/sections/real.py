@@ -14,7 +14,6 @@ from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.running import read_running, running_part
 from boxgrasp.evaluate.sections.need import CASCADE
 from boxgrasp.evaluate.study import Study
-from boxgrasp.evaluate.worth import categories
 from boxgrasp.options import FACES
 from boxgrasp.work import finish
 
@@ -113,7 +112,7 @@ def real_section(study: Study) -> Section:
                 "Cascade grid in the simulation tests and in the stand-in for real ones (4-10).",
                 svg=category_shares(
                     ("simulation", "stand-in for real"),
-                    (_counts(study.board("tested"), 1), _counts(board, 1)),
+                    (study.board("tested").categories(CASCADE), board.categories(CASCADE)),
                 ),
                 alt="Shares of red, yellow and green picks",
             ),
@@ -169,8 +168,3 @@ def why(board: Board, runs: int, scene: int) -> tuple[int, str, str, int, str]:
     said = Counter(f"{FACES[k // 3]}, line {k % 3 + 1}" for k in picks.tolist())
     words = "; ".join(f"{name} ({count})" for name, count in said.most_common())
     return scene, str(rows["target"][which][0]), words, flipped, reason
-
-
-def _counts(board: Board, every: int) -> tuple[int, int, int]:
-    best = board.rows["given_visible_m"].max(axis=1)[::every]
-    return categories(board.worth(CASCADE).visible_m[::every], best)

@@ -11,7 +11,7 @@ from boxgrasp.evaluate.intervals import Estimate, difference, mean, share
 from boxgrasp.evaluate.plots import category_shares, forest, score_functions
 from boxgrasp.evaluate.report import Cell, Picture, Row, Section, Table
 from boxgrasp.evaluate.study import Study
-from boxgrasp.evaluate.worth import SHAPES, categories, worth
+from boxgrasp.evaluate.worth import SHAPES, worth
 from boxgrasp.frames import Array
 
 GROUPS = ("known", "novel", "total")
@@ -112,9 +112,8 @@ def group_of(board: Board, group: str) -> Array:
 
 def _categories(board: Board, group: str) -> str:
     which = group_of(board, group)
-    best = board.rows["given_visible_m"].max(axis=1)[which]
     names = (*VERSIONS, "operator")
-    counts = tuple(categories(board.worth(name).visible_m[which], best) for name in names)
+    counts = tuple(board.categories(name, which) for name in names)
     return category_shares(names, counts)
 
 
