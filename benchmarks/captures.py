@@ -28,7 +28,7 @@ import numpy as np
 
 from boxgrasp import BoxgraspError, Capture, GraspSelector, Selection, Target
 from boxgrasp.draw import draw_selection
-from boxgrasp.frames import invert, transform
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.options import FACES
 
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "captures"

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 import octomap
 
-from boxgrasp.frames import make_transform, rotation_z, transform
+from boxgrasp.geometry.transforms import make_transform, rotation_z, transform
 from boxgrasp.occupancy import OccupancyConfig, build_local_map, lattice_transform
 from boxgrasp.simulate import draw_scene, to_capture
 

@@ -28,8 +28,9 @@ import numpy as np
 from _measure import cast_captures, quartiles, run, save_npz
 
 from boxgrasp import Capture, GraspSelector, Selection
-from boxgrasp.box import Box
-from boxgrasp.frames import Floats, Points, invert, transform
+from boxgrasp.arrays import Floats, Points
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import options_of
 from boxgrasp.samples import grid

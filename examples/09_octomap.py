@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from boxgrasp import GraspSelector
-from boxgrasp.frames import make_transform, transform
+from boxgrasp.geometry.transforms import make_transform, transform
 from boxgrasp.io.octomap import read_octomap, write_octomap
 from boxgrasp.occupancy import build_local_map
 from boxgrasp.simulate import demo_capture

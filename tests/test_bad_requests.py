@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.errors import BoxgraspError, ConfigError, GripperError, SceneError, TargetError
-from boxgrasp.frames import make_transform
+from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.simulate import cast
 from boxgrasp.simulate.camera import intrinsics_matrix
 

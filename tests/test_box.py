@@ -8,11 +8,12 @@ from helpers import drawn, item, laid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boxgrasp.box import Box, BoxConfig, fit_box
+from boxgrasp.box import BoxConfig, fit_box
 from boxgrasp.errors import TargetError
-from boxgrasp.frames import invert, transform
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.plane import Plane
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.simulate import true_box
-from boxgrasp.support import Plane
 
 LEVEL = Plane(np.array([0.0, 0.0, 1.0]), -0.8)
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)

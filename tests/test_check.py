@@ -10,7 +10,7 @@ from helpers import TABLE_M, drawn, item, laid, seen
 
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.errors import GripperError
-from boxgrasp.frames import invert, transform
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.scene import SceneConfig, find_scene
 from boxgrasp.simulate import TableScene, option_truth

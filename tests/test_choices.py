@@ -12,10 +12,10 @@ pytest.importorskip("onnxruntime", reason="extra svm")
 pytest.importorskip("pyarrow", reason="extra train")
 
 from boxgrasp import GraspSelector
-from boxgrasp.clearance import score, strict_score, thesis_score
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.evaluate.choices import CHOOSERS, VERSIONS, Board, brain_of
 from boxgrasp.evaluate.worth import SHAPES, THESIS, categories, worth
+from boxgrasp.grasps.scoring import score, strict_score, thesis_score
 from boxgrasp.learn import eight
 from boxgrasp.learn.eight import EIGHT, examples, train_eight
 from boxgrasp.learn.matrices import largest_edge_m

@@ -14,11 +14,11 @@ from test_imports import run
 from tiny_models import VERSIONS, parts_of, trained, write_models
 
 from boxgrasp import GraspSelector
-from boxgrasp.box import Box
 from boxgrasp.choosers import NAMES, Setup, Situation, chooser_named
 from boxgrasp.errors import ConfigError, ModelError
 from boxgrasp.features import line, single
-from boxgrasp.frames import make_transform
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import options_of
 from boxgrasp.samples import sampling

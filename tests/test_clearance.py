@@ -8,9 +8,10 @@ from helpers import drawn, seen
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boxgrasp import clearance
-from boxgrasp.box import Box
-from boxgrasp.frames import invert, make_transform, rotation_z
+from boxgrasp.geometry import hand_distance
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import invert, make_transform, rotation_z
+from boxgrasp.grasps import scoring
 from boxgrasp.gripper import Gripper
 from boxgrasp.kernels.raycast import BOX
 from boxgrasp.options import options_of
@@ -45,7 +46,7 @@ def test_points_equal_the_naive_distances(seed: int, count: int, spread: float) 
     rng = np.random.default_rng(seed)
     T = poses(rng)
     points = rng.normal(0, spread, (count, 3)).astype(np.float32)
-    found, nearest = clearance.to_points(clearance.uprights(T, HAND.half_m), points)
+    found, nearest = hand_distance.to_points(hand_distance.uprights(T, HAND.half_m), points)
     every = naive_points(T, HAND.half_m, points)
     least = every.min(axis=1, initial=np.inf)
     np.testing.assert_allclose(found, np.minimum(least, 0.5), atol=1e-7)
@@ -65,7 +66,7 @@ def test_columns_equal_exact_segments(seed: int) -> None:
     low = rng.normal(0, 0.25, (25, 3))
     columns = np.column_stack((low, low[:, 2] + rng.choice([0.0, 0.05, 0.4], 25)))
     columns = columns.astype(np.float32)
-    found, nearest = clearance.to_columns(clearance.uprights(T, HAND.half_m), columns)
+    found, nearest = hand_distance.to_columns(hand_distance.uprights(T, HAND.half_m), columns)
     for m, pose in enumerate(T):
         T_gripper_base = invert(pose)
         exact = []
@@ -85,8 +86,8 @@ def test_cells_equal_exact_solids(seed: int, yaw: float, equal: bool) -> None:
     T = poses(rng)
     centres = rng.normal(0, 0.25, (12, 3))
     sizes = np.full(12, 0.03) if equal else rng.choice([0.03, 0.07, 0.24], 12)
-    boxes = clearance.uprights(T, HAND.half_m)
-    found = clearance.to_cells(boxes, centres, sizes, yaw)
+    boxes = hand_distance.uprights(T, HAND.half_m)
+    found = hand_distance.to_cells(boxes, centres, sizes, yaw)
     solids = [
         SolidBox(make_transform(rotation_z(yaw), centre), np.full(3, size))
         for centre, size in zip(centres, sizes, strict=True)
@@ -99,14 +100,14 @@ def test_cells_bound_their_dense_samples() -> None:
     """No point of a cell is nearer than the cell, and one 2 mm sample is about as near."""
     rng = np.random.default_rng(5)
     T = poses(rng)
-    boxes = clearance.uprights(T, HAND.half_m)
+    boxes = hand_distance.uprights(T, HAND.half_m)
     steps = np.linspace(-0.035, 0.035, 36)
     grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     for _ in range(8):
         centre, yaw = rng.normal(0, 0.2, 3), rng.uniform(-2, 2)
         samples = grid @ rotation_z(yaw).T + centre
-        sampled, _ = clearance.to_points(boxes, samples.astype(np.float32))
-        found = clearance.to_cells(boxes, centre[None], np.array([0.07]), yaw)
+        sampled, _ = hand_distance.to_points(boxes, samples.astype(np.float32))
+        found = hand_distance.to_cells(boxes, centre[None], np.array([0.07]), yaw)
         assert (found <= sampled + 1e-6).all()
         assert (sampled <= found + 0.002).all()
 
@@ -119,7 +120,7 @@ def test_plane_equals_the_lowest_corner(seed: int) -> None:
     normal = rng.normal(0, 0.2, 3) + (0, 0, 1)
     normal /= np.linalg.norm(normal)
     offset = rng.uniform(-0.3, 0.3)
-    found = clearance.to_plane(clearance.uprights(T, HAND.half_m), normal, offset)
+    found = hand_distance.to_plane(hand_distance.uprights(T, HAND.half_m), normal, offset)
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     for m, pose in enumerate(T):
         corners = signs * HAND.half_m @ pose[:3, :3].T + pose[:3, 3]
@@ -129,19 +130,19 @@ def test_plane_equals_the_lowest_corner(seed: int) -> None:
 
 def test_plane_is_signed_and_capped() -> None:
     T = poses(np.random.default_rng(0))
-    boxes = clearance.uprights(T, HAND.half_m)
+    boxes = hand_distance.uprights(T, HAND.half_m)
     up = np.array([0.0, 0.0, 1.0])
-    assert (clearance.to_plane(boxes, up, 3.0) == 0.5).all()
-    assert (clearance.to_plane(boxes, up, -3.0) == -0.5).all()
+    assert (hand_distance.to_plane(boxes, up, 3.0) == 0.5).all()
+    assert (hand_distance.to_plane(boxes, up, -3.0) == -0.5).all()
 
 
 def test_swept_box_is_the_whole_way_in() -> None:
     rng = np.random.default_rng(1)
     T = poses(rng)
     points = rng.normal(0, 0.3, (40, 3)).astype(np.float32)
-    swept = clearance.uprights(T, HAND.half_m, 0.15)
+    swept = hand_distance.uprights(T, HAND.half_m, 0.15)
     for k in range(len(points)):
-        found, _ = clearance.to_points(swept, points[k : k + 1])
+        found, _ = hand_distance.to_points(swept, points[k : k + 1])
         ways = []
         for back in np.linspace(0.0, 0.15, 31):
             moved = T.copy()
@@ -154,17 +155,17 @@ def test_swept_box_is_the_whole_way_in() -> None:
 
 def test_inside_is_nought_and_nothing_is_the_cap() -> None:
     T = poses(np.random.default_rng(2))
-    boxes = clearance.uprights(T, HAND.half_m)
-    inside, nearest = clearance.to_points(boxes, T[:, :3, 3].astype(np.float32))
+    boxes = hand_distance.uprights(T, HAND.half_m)
+    inside, nearest = hand_distance.to_points(boxes, T[:, :3, 3].astype(np.float32))
     assert (inside == 0).all() and (nearest >= 0).all()
-    none, nearest = clearance.to_points(boxes, np.empty((0, 3), np.float32))
+    none, nearest = hand_distance.to_points(boxes, np.empty((0, 3), np.float32))
     assert (none == 0.5).all() and (nearest == -1).all()
-    assert (clearance.to_cells(boxes, np.empty((0, 3)), np.empty(0), 0.3) == 0.5).all()
+    assert (hand_distance.to_cells(boxes, np.empty((0, 3)), np.empty(0), 0.3) == 0.5).all()
     far = np.array([[0.0, 0.0, 9.0]])
-    assert (clearance.to_points(boxes, far.astype(np.float32))[0] == 0.5).all()
-    assert (clearance.to_cells(boxes, far, np.array([0.1]), 0.3) == 0.5).all()
+    assert (hand_distance.to_points(boxes, far.astype(np.float32))[0] == 0.5).all()
+    assert (hand_distance.to_cells(boxes, far, np.array([0.1]), 0.3) == 0.5).all()
     # A cell that holds the whole gripper: no corner of one lies in the other's border.
-    assert (clearance.to_cells(boxes, np.zeros((1, 3)), np.array([4.0]), 0.7) == 0).all()
+    assert (hand_distance.to_cells(boxes, np.zeros((1, 3)), np.array([4.0]), 0.7) == 0).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -176,8 +177,8 @@ def test_seen_points_are_never_nearer_than_the_true_surfaces(seed: int) -> None:
     T_own = scene.target[0].T_base_solid
     local = (found.points - T_own[:3, 3]) @ T_own[:3, :3]
     own = np.all(np.abs(local) < scene.target[0].half_size + 0.004, axis=1)
-    boxes = clearance.uprights(options.T_base_gripper, HAND.half_m)
-    measured, _ = clearance.to_points(boxes, np.ascontiguousarray(found.points[~own]))
+    boxes = hand_distance.uprights(options.T_base_gripper, HAND.half_m)
+    measured, _ = hand_distance.to_points(boxes, np.ascontiguousarray(found.points[~own]))
     truth = option_truth(scene, options.T_base_gripper).clearance_m
     # 3 mm voxels draw a corner in by up to half their diagonal.
     assert (measured >= truth - 0.003).all()
@@ -194,7 +195,7 @@ def test_uprights_stand_for_the_gripper_boxes() -> None:
     ]
     plain = box_clearance(T, 2 * HAND.half_m, solids)
     again = []
-    for x, y, c, s, along, across, low, high in clearance.uprights(T, HAND.half_m):
+    for x, y, c, s, along, across, low, high in hand_distance.uprights(T, HAND.half_m):
         R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
         size = np.array([2 * along, 2 * across, high - low])
         pose = make_transform(R, (x, y, (low + high) / 2))
@@ -220,30 +221,30 @@ def test_uprights_stand_for_the_gripper_boxes() -> None:
     ],
 )
 def test_score_of_section_3_4(clearance_m: float, best_m: float, expected: float) -> None:
-    assert clearance.score(clearance_m, best_m) == pytest.approx(expected, abs=1e-12)
+    assert scoring.score(clearance_m, best_m) == pytest.approx(expected, abs=1e-12)
 
 
 def test_thesis_score_looks_at_all_options_and_the_strict_one_at_the_valid() -> None:
     clearances = [0.083, 0.028, 0.05, 0.0]
-    assert clearance.thesis_score(clearances, 0) == 1.0
-    assert clearance.thesis_score(clearances, 1) == pytest.approx(0.04)
-    assert clearance.thesis_score(clearances, 3) == 0.0
+    assert scoring.thesis_score(clearances, 0) == 1.0
+    assert scoring.thesis_score(clearances, 1) == pytest.approx(0.04)
+    assert scoring.thesis_score(clearances, 3) == 0.0
     valid = [False, True, True, True]  # the best goes into the table
-    assert clearance.strict_score(clearances, valid, 0) == 0.0
-    assert clearance.strict_score(clearances, valid, 2) == 1.0
-    assert clearance.strict_score(clearances, valid, 1) == pytest.approx((0.8 / 3.0) ** 2)
-    assert clearance.strict_score(clearances, [False] * 4, 2) == 0.0
+    assert scoring.strict_score(clearances, valid, 0) == 0.0
+    assert scoring.strict_score(clearances, valid, 2) == 1.0
+    assert scoring.strict_score(clearances, valid, 1) == pytest.approx((0.8 / 3.0) ** 2)
+    assert scoring.strict_score(clearances, [False] * 4, 2) == 0.0
 
 
 @QUICK
 @given(d=st.floats(0, 0.5), best=st.floats(0, 0.5))
 def test_score_is_a_share_and_rises(d: float, best: float) -> None:
     best = max(d, best)
-    assert 0.0 <= clearance.score(d, best) <= 1.0
-    assert clearance.score(d, best) <= clearance.score(min(d + 0.01, best), best) + 1e-12
-    assert clearance.score(best, best) == (1.0 if best >= 0.02 else 0.0)
+    assert 0.0 <= scoring.score(d, best) <= 1.0
+    assert scoring.score(d, best) <= scoring.score(min(d + 0.01, best), best) + 1e-12
+    assert scoring.score(best, best) == (1.0 if best >= 0.02 else 0.0)
 
 
 def test_categories() -> None:
     pairs = ((0.0, "red"), (0.0199, "red"), (0.02, "yellow"), (0.0599, "yellow"), (0.06, "green"))
-    assert [clearance.category(d) for d, _ in pairs] == [name for _, name in pairs]
+    assert [scoring.category(d) for d, _ in pairs] == [name for _, name in pairs]

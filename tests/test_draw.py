@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from boxgrasp import Capture, GraspSelector, Target
-from boxgrasp.box import Box
 from boxgrasp.draw import draw_objects, draw_selection
 from boxgrasp.draw.backdrops import base_cloud, camera_panel, fitted_intrinsics
 from boxgrasp.draw.canvas import Canvas, clip_to, dashes, fit, hull, text_size, wrap
@@ -26,7 +25,8 @@ from boxgrasp.draw.shapes import EDGES, contact_line, corners, face_point, finge
 from boxgrasp.draw.views import camera_view, oblique_frame, plan_view
 from boxgrasp.draw.words import facts_of, headline_of
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.frames import invert, make_transform, rotation_z, transform
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import options_of
 from boxgrasp.scene import SceneObject

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.features import FACE_FEATURE, line, line_schema, normalised, single, single_schema
-from boxgrasp.frames import rotation_z
+from boxgrasp.geometry.transforms import rotation_z
 from boxgrasp.occupancy import LocalMap, OccupancyConfig, build_local_map, local_map_of, log_odds
 from boxgrasp.samples import RIGHT, TOP_PERPENDICULAR, grid, portion, spiral
 

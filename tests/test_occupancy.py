@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError, MapError
-from boxgrasp.frames import make_transform, rotation_z
+from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels import rays
 from boxgrasp.kernels.rays import ray_cells_naive
 from boxgrasp.occupancy import (

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, MapError, MissingExtraError
-from boxgrasp.frames import make_transform, rotation_z
+from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.io.octomap import (
     cells_of,
     local_map_from_octomap,

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from boxgrasp.box import Box
-from boxgrasp.frames import make_transform
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.label import Shown
 from boxgrasp.label.operator import StandIn

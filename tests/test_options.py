@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from helpers import drawn
 
-from boxgrasp.box import Box
-from boxgrasp.clearance import to_points, uprights
 from boxgrasp.config import load_config
 from boxgrasp.errors import BoxgraspError, ConfigError, GripperError
-from boxgrasp.frames import make_transform, rotation_z
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.hand_distance import to_points, uprights
+from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import FACES, OptionsConfig, label_of, options_of
 from boxgrasp.simulate import true_box, true_options

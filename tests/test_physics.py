@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from boxgrasp.errors import MissingExtraError, SceneError
-from boxgrasp.frames import make_transform
+from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.simulate import Box, Plane, TableScene, build_scene, draw_scene, load_objects
 from boxgrasp.simulate.physics import Settling, mujoco_depth, settles
 

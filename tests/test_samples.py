@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from boxgrasp.errors import ConfigError
-from boxgrasp.frames import rotation_z
+from boxgrasp.geometry.transforms import rotation_z
 from boxgrasp.occupancy import OccupancyConfig, build_local_map
 from boxgrasp.samples import (
     FRONT,

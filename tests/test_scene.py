@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from boxgrasp import Capture, GraspSelector
 from boxgrasp.box import BoxConfig, fit_box
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import invert, make_transform, transform
+from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.scene import Scene, SceneConfig, find_scene
 from boxgrasp.simulate import Plane, TableScene, build_scene, cast, draw_scene, to_capture
 from boxgrasp.target import Target, find_target

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.errors import ConfigError, SceneError
-from boxgrasp.frames import invert, transform
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.io.octomap import read_octomap
 from boxgrasp.simulate import build_scene, option_truth, to_capture
 

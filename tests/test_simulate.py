@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from boxgrasp.errors import BoxgraspError, SceneError
-from boxgrasp.frames import invert, make_transform, rotation_z
+from boxgrasp.geometry.transforms import invert, make_transform, rotation_z
 from boxgrasp.gripper import Gripper
 from boxgrasp.simulate import (
     Box,
@@ -541,7 +541,7 @@ def test_true_options_follow_the_conventions() -> None:
 
 
 def test_true_options_equal_the_packages_options() -> None:
-    from boxgrasp.box import Box as TargetBox
+    from boxgrasp.geometry.box import Box as TargetBox
     from boxgrasp.options import options_of
 
     rng = np.random.default_rng(13)

@@ -18,7 +18,7 @@ import pytest
 from helpers import answer_text, drawn, seen
 
 from boxgrasp import Capture, GraspSelector, Selection, Target
-from boxgrasp.frames import make_transform, rotation_z, transform
+from boxgrasp.geometry.transforms import make_transform, rotation_z, transform
 
 SEEDS = range(14)
 SELECTOR = GraspSelector()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from boxgrasp.clearance import to_columns
+from boxgrasp.geometry.hand_distance import to_columns
 from boxgrasp.kernels._threads import run_chunks
 
 

@@ -130,6 +130,7 @@ def scene_part(scene: Any) -> dict[str, Any]:
 def answers(args: argparse.Namespace) -> None:
     """Print one line of JSON a question, answered by the package on the path."""
     import numpy as np
+
     from boxgrasp import GraspSelector, Target
     from boxgrasp.simulate import draw_scene, to_capture
 
@@ -221,7 +222,9 @@ def differences(before: Any, after: Any, place: str = "") -> list[str]:
 
 def main() -> int:
     """Compare, print the counts, and end with 1 where anything differs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("checkouts", nargs="*", metavar="BEFORE AFTER")
     parser.add_argument("--scenes", type=int, default=300)
     parser.add_argument("--seed", type=int, default=9173)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
 
+from boxgrasp.arrays import Array, Floats, Points, readonly
 from boxgrasp.errors import TargetError
-from boxgrasp.frames import Array, Floats, Points, make_transform, readonly, rotation_z
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.plane import Plane
+from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.footprint import extents_over_yaws
-from boxgrasp.support import Plane
 
 _COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
 _FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
@@ -36,30 +37,6 @@ class BoxConfig:
     slab_m: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.01
     slab_share: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.01
     trim_share: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.001
-
-
-@dataclass(frozen=True, eq=False)
-class Box:
-    """T_base_box (4, 4) at the centre, turned about z only; dimensions_m (3,) along x, y, z."""
-
-    T_base_box: Floats
-    dimensions_m: Floats
-
-    @cached_property
-    def base_centre_m(self) -> Floats:
-        """(3,) middle of the bottom face, base frame."""
-        return readonly(self.T_base_box[:3, 3] - (0.0, 0.0, self.dimensions_m[2] / 2))
-
-    @property
-    def yaw_rad(self) -> float:
-        """Turn of the box about the base's z."""
-        return float(np.arctan2(self.T_base_box[1, 0], self.T_base_box[0, 0]))
-
-    def T_base_map(self, height_m: float = 0.05) -> Floats:
-        """The half sphere's frame: the box's axes, origin above the base centre (3-2)."""
-        T = np.array(self.T_base_box)
-        T[:3, 3] = self.base_centre_m + (0.0, 0.0, height_m)
-        return readonly(T)
 
 
 def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig) -> Box:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import CaptureError
-from boxgrasp.frames import Floats, Points, readonly
 from boxgrasp.view import (
     CLOUD_FRAMES,
     Bools,

@@ -9,10 +9,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from boxgrasp import clearance
-from boxgrasp.box import Box
+from boxgrasp.arrays import Floats
 from boxgrasp.errors import GripperError
-from boxgrasp.frames import Floats
+from boxgrasp.geometry import hand_distance
+from boxgrasp.geometry.box import Box
 from boxgrasp.gripper import Gripper
 from boxgrasp.hidden import columns_under, deepened, unseen_cells
 from boxgrasp.kernels.uprights import filled_shares
@@ -106,20 +106,20 @@ def measure(
         )
     T = options.T_base_gripper
     obstacles = np.ascontiguousarray(scene.points[others])
-    boxes = clearance.uprights(T, gripper.half_m)
-    swept = clearance.uprights(T, gripper.half_m, config.approach_back_m)
+    boxes = hand_distance.uprights(T, gripper.half_m)
+    swept = hand_distance.uprights(T, gripper.half_m, config.approach_back_m)
     columns = np.vstack(
         (
             columns_under(obstacles, local_map, scene.plane),
             deepened(scene, others, box, local_map),
         )
     )
-    seen, nearest = clearance.to_points(boxes, obstacles)
-    body, _ = clearance.to_columns(boxes, columns)
-    approach, on_way = clearance.to_columns(swept, columns)
+    seen, nearest = hand_distance.to_points(boxes, obstacles)
+    body, _ = hand_distance.to_columns(boxes, columns)
+    approach, on_way = hand_distance.to_columns(swept, columns)
     if len(extra_cells[0]):
-        seen = np.minimum(seen, clearance.to_cells(boxes, *extra_cells, 0.0))
-        approach = np.minimum(approach, clearance.to_cells(swept, *extra_cells, 0.0))
+        seen = np.minimum(seen, hand_distance.to_cells(boxes, *extra_cells, 0.0))
+        approach = np.minimum(approach, hand_distance.to_cells(swept, *extra_cells, 0.0))
     body = np.minimum(body, seen)
     unseen = unseen_cells(local_map, box)
     sizes = np.full(len(unseen), local_map.resolution_m)
@@ -129,9 +129,9 @@ def measure(
     return Numbers(
         seen_m=seen,
         body_m=body,
-        unseen_m=np.minimum(body, clearance.to_cells(boxes, unseen, sizes, box.yaw_rad)),
+        unseen_m=np.minimum(body, hand_distance.to_cells(boxes, unseen, sizes, box.yaw_rad)),
         unseen_share=share,
-        support_m=clearance.to_plane(boxes, scene.plane.normal, scene.plane.offset_m),
+        support_m=hand_distance.to_plane(boxes, scene.plane.normal, scene.plane.offset_m),
         approach_m=approach,
         fits=options.width_m <= gripper.opening_m - config.width_m,
         known=np.array(width_known)[options.width_axis],

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from boxgrasp.arrays import Floats
 from boxgrasp.errors import BoxgraspError, ConfigError
-from boxgrasp.frames import Floats
 from boxgrasp.occupancy import LocalMap
 from boxgrasp.samples import PORTION_WIDTH_M, RIGHT, TOP_PERPENDICULAR, is_side, portion
 

@@ -9,8 +9,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, GripperError
-from boxgrasp.frames import Floats, check_transform, readonly
+from boxgrasp.geometry.transforms import check_transform
 
 Length = Annotated[float, Meta(gt=0.0, le=1.0)]
 Row = tuple[float, float, float, float]

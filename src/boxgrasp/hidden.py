@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.box import Box
-from boxgrasp.frames import Floats, Points, invert, readonly, transform
+from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.plane import Plane
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels._jit import jit
 from boxgrasp.occupancy import FREE, UNSEEN, LocalMap
 from boxgrasp.scene import Scene
-from boxgrasp.support import Plane
 
 _FAR_M = 1.0
 _SLACK_M = 0.005

@@ -15,8 +15,9 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import ConfigError, MapError
-from boxgrasp.frames import Floats, Points, check_transform, invert, readonly
+from boxgrasp.geometry.transforms import check_transform, invert
 from boxgrasp.kernels import rays
 from boxgrasp.kernels._threads import run_chunks
 

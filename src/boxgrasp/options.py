@@ -9,9 +9,9 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from boxgrasp.box import Box
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import ConfigError
-from boxgrasp.frames import Floats, readonly
+from boxgrasp.geometry.box import Box
 from boxgrasp.gripper import Gripper
 
 FACES = ("left", "front", "right", "top-parallel", "top-perpendicular")

@@ -12,8 +12,9 @@ from functools import cache
 
 import numpy as np
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import ConfigError
-from boxgrasp.frames import Floats, readonly, rotation_z
+from boxgrasp.geometry.transforms import rotation_z
 
 RADIUS_M = 0.30
 PORTION_WIDTH_M = 0.30

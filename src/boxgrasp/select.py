@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from boxgrasp import __version__, check
-from boxgrasp.box import Box, fit_box
+from boxgrasp.arrays import Floats, readonly
+from boxgrasp.box import fit_box
 from boxgrasp.capture import Capture
 from boxgrasp.choosers import Preference, Setup, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
-from boxgrasp.frames import Floats, invert, make_transform, quaternion_xyzw, readonly, transform
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.hidden import unexplained_cells
 from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_from_octomap

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.frames import Floats, readonly
 
 SCHEMA = 1
 JSON_SCHEMA_PATH = Path(__file__).with_name("selection.schema.json")

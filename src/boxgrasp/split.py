@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.frames import Floats, Points
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.kernels.plan import (
     borders,
     filled,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Floats, Points, invert, make_transform, readonly, transform
+from boxgrasp.geometry.plane import Plane
+from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.kernels.plane import plane_sums, plane_votes
 
 _SAMPLE = 1500
@@ -27,23 +27,6 @@ _LEAST_PATCH_M2 = 0.05
 _TILT_GIVEN = np.cos(np.deg2rad(12.0))
 _TILT_CAMERA = np.sin(np.deg2rad(10.0))
 _TILT_UPRIGHT = np.sin(np.deg2rad(15.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """n . p + offset_m = 0 with n (3,) a unit normal pointing up; heights are n . p + offset_m."""
-
-    normal: Floats
-    offset_m: float
-
-    def heights(self, points: Points) -> Points:
-        """(N,) signed heights of (N, 3) points in metres."""
-        return points @ self.normal.astype(np.float32) + np.float32(self.offset_m)
-
-    def moved(self, T_a_b: Floats) -> Plane:
-        """The same plane in frame a, where this one is given in b."""
-        normal = T_a_b[:3, :3] @ self.normal
-        return Plane(readonly(normal), float(self.offset_m - normal @ T_a_b[:3, 3]))
 
 
 def find_support_plane(

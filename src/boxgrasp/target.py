@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Points, readonly
 from boxgrasp.capture import Capture
 from boxgrasp.errors import TargetError
-from boxgrasp.frames import Points, readonly, transform
+from boxgrasp.geometry.transforms import transform
 from boxgrasp.kernels.cells import euclidean_clusters
 from boxgrasp.scene import Scene
 

@@ -7,8 +7,9 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import BoxgraspError, CaptureError
-from boxgrasp.frames import Floats, Points, check_transform, invert, readonly
+from boxgrasp.geometry.transforms import check_transform, invert
 
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.box import Box
+from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.capture import Capture
-from boxgrasp.frames import Array, Floats, Points, invert, transform
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.scene import Scene
 
 _REACH_PX = 6

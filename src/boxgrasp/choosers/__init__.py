@@ -10,10 +10,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.box import Box
+from boxgrasp.arrays import Floats
 from boxgrasp.check import Numbers
 from boxgrasp.errors import ConfigError
-from boxgrasp.frames import Floats
+from boxgrasp.geometry.box import Box
 from boxgrasp.gripper import Gripper
 from boxgrasp.occupancy import LocalMap
 from boxgrasp.options import Options

@@ -7,8 +7,8 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats
 from boxgrasp.choosers import Chooser, Preference, Situation
-from boxgrasp.frames import Floats
 from boxgrasp.options import TOP_PARALLEL
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from boxgrasp.choosers import Chooser, Preference, Situation
-from boxgrasp.clearance import GREEN_FROM_M
+from boxgrasp.grasps.scoring import GREEN_FROM_M
 from boxgrasp.options import FRONT, TOP_PARALLEL
 
 # What unseen space in the gripper's room costs: 3 cm of room if all of it is unseen.

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp import features
+from boxgrasp.arrays import Floats
 from boxgrasp.choosers import Chooser, Preference, Setup, Situation
 from boxgrasp.errors import ConfigError, ModelError
 from boxgrasp.features import FeatureSchema
-from boxgrasp.frames import Floats
 from boxgrasp.gripper import Gripper
 from boxgrasp.models import SHIPPED, Model, cascaded, check_fits, load_model, model_name, ranked
 from boxgrasp.options import LEFT, TOP_PARALLEL

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from boxgrasp.arrays import Floats
 from boxgrasp.capture import Capture
-from boxgrasp.clearance import category
 from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import Canvas
 from boxgrasp.draw.evidence import Mark, dot_obstacles, draw_evidence, evidence_of
@@ -19,7 +19,7 @@ from boxgrasp.draw.scales import draw_grid
 from boxgrasp.draw.shapes import corners
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.draw.words import facts_of, headline_of, style_of
-from boxgrasp.frames import Floats
+from boxgrasp.grasps.scoring import category
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.capture import Capture
 from boxgrasp.draw.palette import NIGHT, PAPER, RGB
 from boxgrasp.draw.views import View, camera_view, looking_view, oblique_frame
-from boxgrasp.frames import Floats, Points, invert, transform
+from boxgrasp.geometry.transforms import invert, transform
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -7,12 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.clearance import to_points, uprights
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.draw.canvas import XY, Canvas
 from boxgrasp.draw.palette import BLACK, BLOCKED, OBSTACLE, WHITE
 from boxgrasp.draw.shapes import contact_line, corners, inside
 from boxgrasp.draw.views import View
-from boxgrasp.frames import Floats, Points, invert, transform
+from boxgrasp.geometry.hand_distance import to_points, uprights
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.clearance import category
+from boxgrasp.arrays import Floats
 from boxgrasp.draw.canvas import XY, Canvas, hull
 from boxgrasp.draw.palette import BLACK, CATEGORY, RGB, SHAPE, WHITE
 from boxgrasp.draw.shapes import (
@@ -20,7 +20,7 @@ from boxgrasp.draw.shapes import (
 )
 from boxgrasp.draw.views import View
 from boxgrasp.draw.words import style_of
-from boxgrasp.frames import Floats
+from boxgrasp.grasps.scoring import category
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import TOP_PERPENDICULAR
 from boxgrasp.selection import BoxReport, OptionReport, Selection

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from boxgrasp.arrays import Floats
 from boxgrasp.capture import Capture
 from boxgrasp.draw.backdrops import base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import XY, Canvas, fit, text_size
@@ -18,7 +19,7 @@ from boxgrasp.draw.scales import draw_grid
 from boxgrasp.draw.shapes import EDGES, corners
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.frames import Floats, check_transform, invert, make_transform
+from boxgrasp.geometry.transforms import check_transform, invert, make_transform
 from boxgrasp.scene import SceneConfig, SceneObject
 from boxgrasp.support import find_support_plane, support_frame
 

@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from boxgrasp.clearance import GREEN_FROM_M, RED_BELOW_M, category
 from boxgrasp.draw.canvas import XY, Canvas, fit, text_size, wrap
 from boxgrasp.draw.palette import (
     BLOCKED,
@@ -25,6 +24,7 @@ from boxgrasp.draw.palette import (
 )
 from boxgrasp.draw.words import face_name, style_of
 from boxgrasp.errors import BoxgraspError
+from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M, category
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
 

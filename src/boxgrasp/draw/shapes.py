@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.frames import Floats, Points, transform
+from boxgrasp.arrays import Floats, Points
+from boxgrasp.geometry.transforms import transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import BoxReport, OptionReport
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.draw.canvas import XY
-from boxgrasp.frames import Array, Floats, invert, make_transform, readonly, transform
+from boxgrasp.geometry.transforms import invert, make_transform, transform
 
 _NEAR_M = 0.03
 

@@ -9,11 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.check import Numbers
 from boxgrasp.choosers import Setup, Situation, chooser_named
 from boxgrasp.errors import ModelError
 from boxgrasp.evaluate.worth import ASK, Worth, categories, worth
-from boxgrasp.frames import Array, Floats, Points
 from boxgrasp.gripper import Gripper
 from boxgrasp.learn.eight import EIGHT, Part, Svm
 from boxgrasp.learn.matrices import FACES, line_matrix, single_matrix

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.evaluate.choices import Brain, Decider
-from boxgrasp.frames import Array, Floats, Points
 from boxgrasp.learn.eight import Part, Svm, examples
 from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.rows import RowConfig, scenario_of_row, selector, states_at

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from boxgrasp.frames import Floats
+from boxgrasp.arrays import Floats
 
 _Z: Final = 1.959964  # of the normal distribution, for 95 %
 Bounds = tuple[float, float]

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from boxgrasp.frames import Array, Floats, invert
+from boxgrasp.arrays import Array, Floats
+from boxgrasp.geometry.transforms import invert
 from boxgrasp.learn.rows import RowConfig, occupied_at, scenario_of_row, selector
 from boxgrasp.occupancy import build_local_map
 from boxgrasp.samples import RESOLUTION_M

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.clearance import GREEN_FROM_M, RED_BELOW_M
-from boxgrasp.frames import Array, Floats
+from boxgrasp.arrays import Array, Floats
+from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 
 Bools = NDArray[np.bool_]
 

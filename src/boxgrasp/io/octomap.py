@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from boxgrasp.arrays import Floats
 from boxgrasp.errors import MapError, MissingExtraError
-from boxgrasp.frames import Floats, invert
+from boxgrasp.geometry.transforms import invert
 from boxgrasp.kernels import octree
 from boxgrasp.kernels.rays import TREE_HALF
 from boxgrasp.occupancy import LocalMap, MapCells, OccupancyConfig, log_odds, map_from_octomap

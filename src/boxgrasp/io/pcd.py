@@ -10,9 +10,10 @@ from typing import IO, Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats
 from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
-from boxgrasp.frames import Floats, make_transform
+from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import check_points, header_lines, remaining_bytes
 from boxgrasp.view import CloudFrame

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.frames import Points
+from boxgrasp.arrays import Points
 from boxgrasp.kernels._jit import jit
 from boxgrasp.kernels._threads import run_chunks
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from boxgrasp.frames import Floats
+from boxgrasp.arrays import Floats
 from boxgrasp.kernels._jit import jit
 
 _BIN_M = 0.0005

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.frames import Points
+from boxgrasp.arrays import Points
 from boxgrasp.kernels._jit import jit
 
 _TOP_BAND_M = 0.012

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.frames import Floats, Points
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.kernels._jit import jit
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from boxgrasp.frames import Array
+from boxgrasp.arrays import Array
 from boxgrasp.kernels._jit import jit
 
 BOX, CYLINDER, PLANE = 0, 1, 2

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from boxgrasp.box import Box
-from boxgrasp.frames import Points
+from boxgrasp.arrays import Points
+from boxgrasp.geometry.box import Box
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import Options
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxgrasp import clearance
-from boxgrasp.frames import Floats
+from boxgrasp.arrays import Floats
+from boxgrasp.geometry import hand_distance
 from boxgrasp.label import Label, Shown
 
 SOURCE = "stand-in"
@@ -49,8 +49,8 @@ class StandIn:
     def liking(self, shown: Shown, rng: np.random.Generator) -> Floats:
         """(M,) m, how much it likes each option."""
         options = shown.options
-        hands = clearance.uprights(options.T_base_gripper, shown.gripper.half_m)
-        room = clearance.to_points(hands, shown.points)[0]
+        hands = hand_distance.uprights(options.T_base_gripper, shown.gripper.half_m)
+        room = hand_distance.to_points(hands, shown.points)[0]
         room = np.minimum(room + self.eye_m * rng.standard_normal(len(room)), self.enough_m)
         low = hands[:, 6] - shown.table_m < -self.into_table_m
         middle = (options.lines + 1) / 2

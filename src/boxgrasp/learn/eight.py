@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 
 from boxgrasp import __version__
+from boxgrasp.arrays import Array, Points
 from boxgrasp.errors import ConfigError
 from boxgrasp.features import FeatureSchema, line_schema, single_schema
-from boxgrasp.frames import Array, Points
 from boxgrasp.gripper import Gripper
 from boxgrasp.learn.export import to_onnx
 from boxgrasp.learn.matrices import largest_edge_m, line_examples, single_matrix

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Floats
 from boxgrasp.errors import MissingExtraError, ModelError
-from boxgrasp.frames import Array, Floats
 from boxgrasp.models import DIGEST_KEY, RECORD_KEY, Record, digest, to_json
 
 _OPSET, _IR = 17, 8  # read by every onnxruntime that `boxgrasp[svm]` allows

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.features import FACE_FEATURE
-from boxgrasp.frames import Array, Floats, Points
 from boxgrasp.samples import is_side, portion, sampling
 
 FACES = range(1, 6)

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp import clearance
-from boxgrasp.box import Box
+from boxgrasp.arrays import Array, readonly
 from boxgrasp.capture import Capture
 from boxgrasp.errors import BoxgraspError, ConfigError
-from boxgrasp.frames import Array, make_transform, readonly, rotation_z
+from boxgrasp.geometry import hand_distance
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.label import Operator, Shown
 from boxgrasp.label.operator import StandIn
 from boxgrasp.occupancy import LocalMap
@@ -121,10 +122,10 @@ def scenario_row(
             row |= {"label": label.label, "label_source": label.source}
         row |= {f"{name}_{key}": value for key, value in _sight_columns(sight, scenario).items()}
         if blocked is not None:
-            hands = clearance.uprights(
+            hands = hand_distance.uprights(
                 sight.situation.options.T_base_gripper, chosen.config.gripper.half_m
             )
-            row[f"{name}_visible_m"] = clearance.to_points(hands, blocked)[0]
+            row[f"{name}_visible_m"] = hand_distance.to_points(hands, blocked)[0]
     return row
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.errors import BoxgraspError, MissingExtraError
-from boxgrasp.frames import Array, Floats, Points
 
 FOLDS = 5
 # Powers of two, both grids wider than the thesis's choices (B-1: C 1.2 to 175, gamma 0.0035 to

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from boxgrasp import __version__
+from boxgrasp.arrays import Array
 from boxgrasp.errors import ConfigError, MissingExtraError
-from boxgrasp.frames import Array
 from boxgrasp.io.npz import KEYS
 from boxgrasp.learn.rows import (
     NUMBERS,

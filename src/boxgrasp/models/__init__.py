@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats
 from boxgrasp.errors import MissingExtraError, ModelError
-from boxgrasp.frames import Floats
 from boxgrasp.models import wire
 from boxgrasp.models.record import FORMAT, Record, check_fits, from_json, model_name, to_json
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Floats, check_transform, invert, make_transform, readonly
+from boxgrasp.geometry.transforms import check_transform, invert, make_transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, paint, raycast
 from boxgrasp.simulate.primitives import Box, Cylinder, Primitive

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxgrasp.frames import Array, Floats, invert
+from boxgrasp.arrays import Array, Floats
+from boxgrasp.geometry.transforms import invert
 from boxgrasp.kernels._jit import jit
 from boxgrasp.kernels.raycast import BOX, CYLINDER
 from boxgrasp.simulate.primitives import Box, Cylinder

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.arrays import Floats
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Floats
 from boxgrasp.simulate.primitives import Box, Colour, Cylinder, upright
 
 SHIPPED = ("simulated", "real")

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import MissingExtraError, SceneError
-from boxgrasp.frames import Floats, invert, quaternion_xyzw, readonly
+from boxgrasp.geometry.transforms import invert, quaternion_xyzw
 from boxgrasp.simulate.primitives import Box, Plane, Primitive
 from boxgrasp.simulate.scenes import TARGET_LABEL, TableScene
 

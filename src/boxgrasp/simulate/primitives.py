@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Floats, check_transform, make_transform, readonly, rotation_z
+from boxgrasp.geometry.transforms import check_transform, make_transform, rotation_z
 
 Colour = tuple[int, int, int]
 

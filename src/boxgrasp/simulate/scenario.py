@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.arrays import Array
 from boxgrasp.capture import Capture
-from boxgrasp.clearance import RED_BELOW_M
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Array
+from boxgrasp.grasps.scoring import RED_BELOW_M
 from boxgrasp.gripper import Gripper
 from boxgrasp.simulate.noise import NoiseModel
 from boxgrasp.simulate.objects import SimulatedObject, load_objects

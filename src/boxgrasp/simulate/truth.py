@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
-from boxgrasp.frames import Floats, make_transform, readonly, rotation_z
+from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.gripper import Gripper
 from boxgrasp.simulate.distance import boxes_to_solids
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive

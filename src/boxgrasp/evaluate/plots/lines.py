@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp.clearance import GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.draw.palette import CATEGORY
 from boxgrasp.evaluate.intervals import Estimate
 from boxgrasp.evaluate.plots.sheet import (
@@ -21,6 +20,7 @@ from boxgrasp.evaluate.plots.sheet import (
     svg,
 )  # fmt: skip
 from boxgrasp.evaluate.worth import SHAPES
+from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 
 _MOST_TICKS = 10
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.arrays import Floats
 from boxgrasp.evaluate.plots.sheet import COLOURS, FAINT_HEX, sheet, svg
-from boxgrasp.frames import Floats
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _MOST_MARKS = 400  # in a view; more are drawn as pixels, or the file would be large

@@ -6,12 +6,13 @@ import json
 
 import numpy as np
 
-from boxgrasp import clearance
+from boxgrasp.arrays import Array, Floats
 from boxgrasp.evaluate.choices import VERSIONS, Board
 from boxgrasp.evaluate.intervals import Estimate, mean, share
 from boxgrasp.evaluate.report import Row, Section, Table
 from boxgrasp.evaluate.study import Study
-from boxgrasp.frames import Array, Floats, transform
+from boxgrasp.geometry import hand_distance
+from boxgrasp.geometry.transforms import transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.learn.rows import box_of
 from boxgrasp.options import FACES, options_of
@@ -129,9 +130,9 @@ def lost_options(board: Board) -> Estimate:
         cells = cells[(np.abs(cells - middle) > reach).any(axis=1)]
         if not free.any():
             continue
-        hands = clearance.uprights(options.T_base_gripper, hand.half_m)
+        hands = hand_distance.uprights(options.T_base_gripper, hand.half_m)
         sizes = np.full(len(cells), size_m)
-        met = clearance.to_cells(hands, transform(box.T_base_map(), cells), sizes, box.yaw_rad)
+        met = hand_distance.to_cells(hands, transform(box.T_base_map(), cells), sizes, box.yaw_rad)
         shares.append(float((met[free] <= 0.0).mean()))
     return mean(shares)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Points
 from boxgrasp.evaluate.choices import Board
 from boxgrasp.evaluate.curves import (
     CELLS_M,
@@ -24,7 +25,6 @@ from boxgrasp.evaluate.sections.readings import KINDS, held, judged
 from boxgrasp.evaluate.study import Study
 from boxgrasp.evaluate.worth import worth
 from boxgrasp.features import DIMENSIONS
-from boxgrasp.frames import Array, Points
 from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.sets import Rows, joined
 from boxgrasp.samples import RESOLUTION_M, grid

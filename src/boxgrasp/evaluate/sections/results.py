@@ -6,13 +6,13 @@ from itertools import combinations
 
 import numpy as np
 
+from boxgrasp.arrays import Array
 from boxgrasp.evaluate.choices import VERSIONS, Board
 from boxgrasp.evaluate.intervals import Estimate, difference, mean, share
 from boxgrasp.evaluate.plots import category_shares, forest, score_functions
 from boxgrasp.evaluate.report import Cell, Picture, Row, Section, Table
 from boxgrasp.evaluate.study import Study
 from boxgrasp.evaluate.worth import SHAPES, worth
-from boxgrasp.frames import Array
 
 GROUPS = ("known", "novel", "total")
 # Table 4-1: average score by version and group.

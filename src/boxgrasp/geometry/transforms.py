@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.errors import BoxgraspError
 
-Array = NDArray[Any]
-Floats = NDArray[np.float64]
-Points = NDArray[np.float32]
-
 _ROTATION_TOLERANCE = 1e-3
-
-
-def readonly(array: Array) -> Array:
-    """The same array, closed to writing, so that a frozen value stays what it is."""
-    array.setflags(write=False)
-    return array
 
 
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Floats:

@@ -1,0 +1,18 @@
+"""Names of the arrays that everything shares, and how they are closed to writing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+
+def readonly(array: Array) -> Array:
+    """The same array, closed to writing, so that a frozen value stays what it is."""
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,1 @@
+"""Transforms, planes, boxes, and the only distances of the package. A leaf: it knows no camera."""

@@ -1,0 +1,1 @@
+"""The grasp candidates of a box, the hand, the checks and the score of a clearance."""
