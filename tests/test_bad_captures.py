@@ -20,8 +20,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import BoxgraspError, CaptureError
+from boxgrasp.sensing.capture import Capture
 
 SEEN = view()
 FLAT = SEEN.points[np.isfinite(SEEN.points[..., 0])]
@@ -451,7 +451,7 @@ def test_noise_after_a_valid_start_loads_or_says_why(name, valid, noise, keep):
 _BIG = """
 import resource, sys, time
 import numpy as np
-from boxgrasp.capture import Capture
+from boxgrasp.sensing.capture import Capture
 path, count = sys.argv[1], int(sys.argv[2])
 start = time.perf_counter()
 capture = Capture.load(path)

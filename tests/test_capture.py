@@ -8,9 +8,9 @@ from capture_files import HEIGHT, WIDTH, view
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
 from boxgrasp.kernels.backproject import backproject_naive
+from boxgrasp.sensing.capture import Capture
 
 SEEN = view()
 

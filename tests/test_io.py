@@ -9,8 +9,8 @@ import pytest
 from capture_files import HEIGHT, WIDTH, pcd_bytes, ply_bytes, view, write_folder, write_npz
 from PIL import Image
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError, MissingExtraError
+from boxgrasp.sensing.capture import Capture
 
 SEEN = view()
 BAGS = ("ros1", "ros2_folder", "db3", "mcap")
@@ -358,7 +358,7 @@ def test_simulated_captures_load(captures_dir):
 def test_readers_import_only_what_the_format_needs(tmp_path):
     path = write_npz(tmp_path / "view.npz", SEEN)
     code = (
-        "import sys; from boxgrasp.capture import Capture; Capture.load(sys.argv[1]);"
+        "import sys; from boxgrasp.sensing.capture import Capture; Capture.load(sys.argv[1]);"
         "heavy = {'rosbags', 'pypcd4', 'PIL', 'pydantic', 'scipy'} & set(sys.modules);"
         "sys.exit(str(heavy) if heavy else 0)"
     )

@@ -6,12 +6,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from boxgrasp.capture import Capture
     from boxgrasp.config import Config, load_config
     from boxgrasp.errors import BoxgraspError
     from boxgrasp.gripper import Gripper
     from boxgrasp.select import GraspSelector
     from boxgrasp.selection import Selection
+    from boxgrasp.sensing.capture import Capture
     from boxgrasp.target import Target
 
 __version__ = "0.1.0"

@@ -12,13 +12,13 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
-from boxgrasp.capture import Capture
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbours, euclidean_clusters, voxel_centroids
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.split import by_label, split_clusters
 from boxgrasp.support import find_support_plane, patch_over, support_frame
 

@@ -12,7 +12,6 @@ import numpy as np
 from boxgrasp import __version__, check
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.box import fit_box
-from boxgrasp.capture import Capture
 from boxgrasp.choosers import Preference, Setup, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
@@ -23,6 +22,7 @@ from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_fr
 from boxgrasp.options import FACES, options_of
 from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.selection import BoxReport, OptionReport, Selection
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.target import Target, TargetPoints, find_target
 from boxgrasp.visibility import Visibility, look
 

@@ -10,6 +10,7 @@ from boxgrasp.errors import SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.kernels.plane import plane_sums, plane_votes
+from boxgrasp.sensing.sensor_model import axial_noise_m
 
 _SAMPLE = 1500
 _PROPOSALS = 120
@@ -182,11 +183,6 @@ def _refit(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Fl
             normal = -normal
         plane = np.append(normal, -normal @ (anchor + mean))
     return plane
-
-
-def axial_noise_m(ranges_m: Points) -> Points:
-    """(N,) standard deviation of a structured-light camera's depth (Nguyen 2012)."""
-    return np.asarray(0.0012 + 0.0019 * (ranges_m - 0.4) ** 2, dtype=np.float32)
 
 
 def _carried(sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: Floats) -> int:

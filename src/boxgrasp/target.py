@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Points, readonly
-from boxgrasp.capture import Capture
 from boxgrasp.errors import TargetError
 from boxgrasp.geometry.transforms import transform
 from boxgrasp.kernels.cells import euclidean_clusters
 from boxgrasp.scene import Scene
+from boxgrasp.sensing.capture import Capture
 
 _PIXEL_REACH = 5
 _POINT_REACH_M = 0.03

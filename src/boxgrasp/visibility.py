@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array, Floats, Points
-from boxgrasp.capture import Capture
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.scene import Scene
+from boxgrasp.sensing.capture import Capture
 
 _REACH_PX = 6
 _NEARER_M = 0.02

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from boxgrasp.capture import Capture
     from boxgrasp.config import Config
     from boxgrasp.occupancy import MapCells
+    from boxgrasp.sensing.capture import Capture
     from boxgrasp.target import Target
 
 _log = logging.getLogger("boxgrasp.cli")
@@ -129,7 +129,7 @@ def plain_config(config: Any) -> dict[str, Any]:
 
 def load_capture(path: str, args: argparse.Namespace) -> Capture:
     """The capture at a path, read as the options say."""
-    from boxgrasp.capture import Capture
+    from boxgrasp.sensing.capture import Capture
 
     start = time.perf_counter()
     capture = Capture.load(path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp)
@@ -181,7 +181,7 @@ def read_mask(path: str) -> NDArray[np.bool_]:
 def _without_robot(capture: Capture, mask: NDArray[np.bool_]) -> Capture:
     import numpy as np
 
-    from boxgrasp.capture import Capture
+    from boxgrasp.sensing.capture import Capture
 
     given: dict[str, Any] = {"T_base_camera": capture.T_base_camera, "mask": capture.mask}
     given |= {"target_pixel": capture.target_pixel, "robot_mask": mask}

@@ -12,9 +12,9 @@ from boxgrasp.cli import FAILED, _arguments, complain
 from boxgrasp.errors import BoxgraspError
 
 if TYPE_CHECKING:
-    from boxgrasp.capture import Capture
     from boxgrasp.gripper import Gripper
     from boxgrasp.selection import Selection
+    from boxgrasp.sensing.capture import Capture
 
 _log = logging.getLogger("boxgrasp.cli")
 

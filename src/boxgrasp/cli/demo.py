@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from boxgrasp.cli import _arguments, _batch
 
 if TYPE_CHECKING:
-    from boxgrasp.capture import Capture
+    from boxgrasp.sensing.capture import Capture
 
 PICTURE = "out/demo.png"
 

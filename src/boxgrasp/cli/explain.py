@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from boxgrasp.cli import _arguments, _batch
 
 if TYPE_CHECKING:
-    from boxgrasp.capture import Capture
     from boxgrasp.gripper import Gripper
     from boxgrasp.selection import Selection
+    from boxgrasp.sensing.capture import Capture
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

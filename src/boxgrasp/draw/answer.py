@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from boxgrasp.arrays import Floats
-from boxgrasp.capture import Capture
 from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import Canvas
 from boxgrasp.draw.evidence import Mark, dot_obstacles, draw_evidence, evidence_of
@@ -22,6 +21,7 @@ from boxgrasp.draw.words import facts_of, headline_of, style_of
 from boxgrasp.grasps.scoring import category
 from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
+from boxgrasp.sensing.capture import Capture
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
-from boxgrasp.capture import Capture
 from boxgrasp.draw.palette import NIGHT, PAPER, RGB
 from boxgrasp.draw.views import View, camera_view, looking_view, oblique_frame
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.sensing.capture import Capture
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from boxgrasp.arrays import Floats
-from boxgrasp.capture import Capture
 from boxgrasp.draw.backdrops import base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import XY, Canvas, fit, text_size
 from boxgrasp.draw.page import HEADER, MARGIN, WIDTH, banner, blank, save, suffix_checked
@@ -21,6 +20,7 @@ from boxgrasp.draw.views import View, plan_view
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.geometry.transforms import check_transform, invert, make_transform
 from boxgrasp.scene import SceneConfig, SceneObject
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.support import find_support_plane, support_frame
 
 if TYPE_CHECKING:

@@ -19,12 +19,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import MAX_PIXELS, check_points
 from boxgrasp.io.images import read_depth_png
-from boxgrasp.view import CloudFrame
+from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.validation import CloudFrame
 
 _CLOUD: Final = "sensor_msgs/msg/PointCloud2"
 _IMAGE: Final = "sensor_msgs/msg/Image"

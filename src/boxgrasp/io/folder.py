@@ -11,9 +11,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
 from boxgrasp.io.images import read_color, read_depth_png, read_mask
+from boxgrasp.sensing.capture import Capture
 
 _CAMERA_KEYS: Final = ("fx", "fy", "cx", "cy", "width", "height")
 _CAPTURE_KEYS: Final = ("T_base_camera", "depth_scale", "target_pixel")

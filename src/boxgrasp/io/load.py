@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import BoxgraspError, CaptureError, MissingExtraError
-from boxgrasp.view import CLOUD_FRAMES, CloudFrame
+from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.validation import CLOUD_FRAMES, CloudFrame
 
 _LONGEST: Final = 300
 _log = logging.getLogger("boxgrasp.io")

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
+from boxgrasp.sensing.capture import Capture
 
 KEYS: Final = (
     "depth",

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
 from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import check_points, header_lines, remaining_bytes
-from boxgrasp.view import CloudFrame
+from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.validation import CloudFrame
 
 _ENCODINGS: Final = ("ascii", "binary", "binary_compressed")
 _LZF_RATIO: Final = 100  # one LZF token of 3 bytes unpacks to at most 264

@@ -13,10 +13,10 @@ from typing import IO, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.capture import Capture
 from boxgrasp.errors import CaptureError
 from boxgrasp.io.extent import check_points, header_lines, remaining_bytes
-from boxgrasp.view import CloudFrame
+from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.validation import CloudFrame
 
 _TYPES: Final = {
     "char": "i1",

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from boxgrasp.arrays import Array, readonly
-from boxgrasp.capture import Capture
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
@@ -27,6 +26,7 @@ from boxgrasp.occupancy import LocalMap
 from boxgrasp.samples import RESOLUTION_M, portion, sampling
 from boxgrasp.scene import Scene
 from boxgrasp.select import GraspSelector, Sight
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
 from boxgrasp.simulate.truth import option_truth, true_box
 from boxgrasp.target import Target

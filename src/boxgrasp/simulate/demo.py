@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp.capture import Capture
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenes import TableScene, build_scene, to_capture
 
 _RED, _BLUE, _GREEN, _YELLOW, _VIOLET, _GREY = (

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.capture import Capture
 from boxgrasp.errors import SceneError
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.camera import CastView, cast, intrinsics_matrix, look_at
 from boxgrasp.simulate.distance import gap
 from boxgrasp.simulate.noise import NoiseModel, add_noise, colour_noise, edge_pixels

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from boxgrasp.capture import Capture
 from boxgrasp.draw import draw_selection
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.evaluate.report import Picture, Row, Section, Table
@@ -19,6 +18,7 @@ from boxgrasp.evaluate.sections.need import CASCADE
 from boxgrasp.evaluate.study import Study
 from boxgrasp.learn.eight import EIGHT
 from boxgrasp.select import GraspSelector
+from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.noise import NoiseModel, axial_sigma
 from boxgrasp.target import Target
 

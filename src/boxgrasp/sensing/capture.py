@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import CaptureError
-from boxgrasp.view import (
+from boxgrasp.sensing.validation import (
     CLOUD_FRAMES,
     Bools,
     Bytes,

@@ -1,0 +1,1 @@
+"""One view of a depth camera, validated, and what is known of the sensor."""
