@@ -8,11 +8,11 @@ from helpers import drawn, item, laid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boxgrasp.box import BoxConfig, fit_box
 from boxgrasp.errors import TargetError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.perception.box_fit import BoxConfig, fit_box
 from boxgrasp.simulate import true_box
 
 LEVEL = Plane(np.array([0.0, 0.0, 1.0]), -0.8)

@@ -12,9 +12,9 @@ from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.errors import GripperError
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.uprights import filled_shares
-from boxgrasp.scene import SceneConfig, find_scene
+from boxgrasp.perception.scene import SceneConfig, find_scene
+from boxgrasp.perception.target import find_target
 from boxgrasp.simulate import TableScene, option_truth
-from boxgrasp.target import find_target
 
 SEEDS = range(10)
 HALF = np.array([0.11, 0.085, 0.035])

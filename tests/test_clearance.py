@@ -15,7 +15,7 @@ from boxgrasp.grasps import scoring
 from boxgrasp.gripper import Gripper
 from boxgrasp.kernels.raycast import BOX
 from boxgrasp.options import options_of
-from boxgrasp.scene import SceneConfig, find_scene
+from boxgrasp.perception.scene import SceneConfig, find_scene
 from boxgrasp.simulate import Box as SolidBox
 from boxgrasp.simulate import box_clearance, option_truth, true_options
 from boxgrasp.simulate.distance import boxes_to_solids, edge_to_solid

@@ -29,7 +29,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, transform
 from boxgrasp.gripper import Gripper
 from boxgrasp.options import options_of
-from boxgrasp.scene import SceneObject
+from boxgrasp.perception.scene import SceneObject
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 
 TABLE_M = 0.80

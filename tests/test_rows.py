@@ -26,9 +26,9 @@ from boxgrasp.learn.sets import (
     read_set,
     to_parquet,
 )  # fmt: skip
+from boxgrasp.perception.target import Target
 from boxgrasp.samples import RESOLUTION_M, sampling
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.target import Target
 from boxgrasp.work import Store, local_workers
 
 CONFIG = RowConfig(Recipe(targets_of("all")), 11)

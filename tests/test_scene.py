@@ -13,12 +13,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from boxgrasp import Capture, GraspSelector
-from boxgrasp.box import BoxConfig, fit_box
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, transform
-from boxgrasp.scene import Scene, SceneConfig, find_scene
+from boxgrasp.perception.box_fit import BoxConfig, fit_box
+from boxgrasp.perception.scene import Scene, SceneConfig, find_scene
+from boxgrasp.perception.target import Target, find_target
 from boxgrasp.simulate import Plane, TableScene, build_scene, cast, draw_scene, to_capture
-from boxgrasp.target import Target, find_target
 
 SPREAD = (
     item("green_cube", 0.85, 0.0),

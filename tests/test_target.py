@@ -10,9 +10,9 @@ from helpers import TABLE_M, item, laid, seen
 
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.errors import TargetError
-from boxgrasp.scene import Scene, SceneConfig, find_scene
+from boxgrasp.perception.scene import Scene, SceneConfig, find_scene
+from boxgrasp.perception.target import find_target
 from boxgrasp.simulate import to_capture
-from boxgrasp.target import find_target
 
 CUBE, TUBE, CAN = 2, 3, 4
 LAID = laid(

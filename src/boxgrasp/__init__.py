@@ -9,10 +9,10 @@ if TYPE_CHECKING:
     from boxgrasp.config import Config, load_config
     from boxgrasp.errors import BoxgraspError
     from boxgrasp.gripper import Gripper
+    from boxgrasp.perception.target import Target
     from boxgrasp.select import GraspSelector
     from boxgrasp.selection import Selection
     from boxgrasp.sensing.capture import Capture
-    from boxgrasp.target import Target
 
 __version__ = "0.1.0"
 

@@ -18,7 +18,7 @@ from boxgrasp.hidden import columns_under, deepened, unseen_cells
 from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.occupancy import FREE, LocalMap
 from boxgrasp.options import FACES, Options
-from boxgrasp.scene import Scene
+from boxgrasp.perception.scene import Scene
 
 Short = Annotated[float, Meta(ge=0.0, le=0.5)]
 

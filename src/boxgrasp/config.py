@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 from os import fspath
 from typing import Any
 
-from boxgrasp.box import BoxConfig
 from boxgrasp.check import CheckConfig
 from boxgrasp.choosers import NAMES
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.gripper import Gripper
 from boxgrasp.occupancy import OccupancyConfig
 from boxgrasp.options import OptionsConfig
-from boxgrasp.scene import SceneConfig
+from boxgrasp.perception.box_fit import BoxConfig
+from boxgrasp.perception.scene import SceneConfig
 from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 
 

@@ -15,7 +15,7 @@ from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels._jit import jit
 from boxgrasp.occupancy import FREE, UNSEEN, LocalMap
-from boxgrasp.scene import Scene
+from boxgrasp.perception.scene import Scene
 
 _FAR_M = 1.0
 _SLACK_M = 0.005

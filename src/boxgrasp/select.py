@@ -11,7 +11,6 @@ import numpy as np
 
 from boxgrasp import __version__, check
 from boxgrasp.arrays import Floats, readonly
-from boxgrasp.box import fit_box
 from boxgrasp.choosers import Preference, Setup, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
@@ -20,11 +19,12 @@ from boxgrasp.gripper import Gripper
 from boxgrasp.hidden import unexplained_cells
 from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_from_octomap
 from boxgrasp.options import FACES, options_of
-from boxgrasp.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
+from boxgrasp.perception.box_fit import fit_box
+from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
+from boxgrasp.perception.target import Target, TargetPoints, find_target
+from boxgrasp.perception.truncation import Visibility, look
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 from boxgrasp.sensing.capture import Capture
-from boxgrasp.target import Target, TargetPoints, find_target
-from boxgrasp.visibility import Visibility, look
 
 _DENSE = 150_000
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from boxgrasp.config import Config
     from boxgrasp.occupancy import MapCells
+    from boxgrasp.perception.target import Target
     from boxgrasp.sensing.capture import Capture
-    from boxgrasp.target import Target
 
 _log = logging.getLogger("boxgrasp.cli")
 
@@ -149,7 +149,7 @@ def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells
 
 def target_of(args: argparse.Namespace) -> Target | None:
     """The target that the options name, or None for the capture's own."""
-    from boxgrasp.target import Target
+    from boxgrasp.perception.target import Target
 
     if args.mask:
         return Target(mask=read_mask(args.mask))

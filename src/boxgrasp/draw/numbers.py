@@ -19,9 +19,9 @@ from boxgrasp.draw.shapes import EDGES, corners
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.geometry.transforms import check_transform, invert, make_transform
-from boxgrasp.scene import SceneConfig, SceneObject
+from boxgrasp.perception.scene import SceneConfig, SceneObject
+from boxgrasp.perception.support_plane import find_support_plane, support_frame
 from boxgrasp.sensing.capture import Capture
-from boxgrasp.support import find_support_plane, support_frame
 
 if TYPE_CHECKING:
     from PIL.Image import Image

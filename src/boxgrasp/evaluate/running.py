@@ -17,8 +17,8 @@ from boxgrasp.arrays import Array, Floats
 from boxgrasp.geometry.transforms import invert
 from boxgrasp.learn.rows import RowConfig, occupied_at, scenario_of_row, selector
 from boxgrasp.occupancy import build_local_map
+from boxgrasp.perception.target import Target
 from boxgrasp.samples import RESOLUTION_M
-from boxgrasp.target import Target
 
 BEFORE = 5  # frames that the map has seen before the first decision (ours)
 COLUMNS = ("given_grid", "given_grid_portions", "given_dimensions_m")

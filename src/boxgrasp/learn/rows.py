@@ -23,13 +23,13 @@ from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.label import Operator, Shown
 from boxgrasp.label.operator import StandIn
 from boxgrasp.occupancy import LocalMap
+from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.target import Target
 from boxgrasp.samples import RESOLUTION_M, portion, sampling
-from boxgrasp.scene import Scene
 from boxgrasp.select import GraspSelector, Sight
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
 from boxgrasp.simulate.truth import option_truth, true_box
-from boxgrasp.target import Target
 
 SIGHTS = ("given", "found")
 SAMPLINGS = ("grid", "spiral")

@@ -17,10 +17,10 @@ from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.sections.need import CASCADE
 from boxgrasp.evaluate.study import Study
 from boxgrasp.learn.eight import EIGHT
+from boxgrasp.perception.target import Target
 from boxgrasp.select import GraspSelector
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.noise import NoiseModel, axial_sigma
-from boxgrasp.target import Target
 
 MOST_TARGETS = 4
 PICTURE_PX = 1100

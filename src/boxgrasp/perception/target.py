@@ -13,7 +13,7 @@ from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import TargetError
 from boxgrasp.geometry.transforms import transform
 from boxgrasp.kernels.cells import euclidean_clusters
-from boxgrasp.scene import Scene
+from boxgrasp.perception.scene import Scene
 from boxgrasp.sensing.capture import Capture
 
 _PIXEL_REACH = 5

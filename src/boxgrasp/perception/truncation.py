@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.scene import Scene
+from boxgrasp.perception.scene import Scene
 from boxgrasp.sensing.capture import Capture
 
 _REACH_PX = 6

@@ -18,9 +18,9 @@ from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbours, euclidean_clusters, voxel_centroids
+from boxgrasp.perception.segmentation.split import by_label, split_clusters
+from boxgrasp.perception.support_plane import find_support_plane, patch_over, support_frame
 from boxgrasp.sensing.capture import Capture
-from boxgrasp.split import by_label, split_clusters
-from boxgrasp.support import find_support_plane, patch_over, support_frame
 
 Metres = Annotated[float, Meta(gt=0.0, le=20.0)]
 Corner = tuple[float, float, float]

@@ -1,0 +1,1 @@
+"""Which points over the support plane belong together."""
