@@ -16,7 +16,8 @@ import numpy as np
 import octomap
 
 from boxgrasp.geometry.transforms import make_transform, rotation_z, transform
-from boxgrasp.occupancy import OccupancyConfig, build_local_map, lattice_transform
+from boxgrasp.mapping.local_map import OccupancyConfig
+from boxgrasp.mapping.ray_insertion import build_local_map, lattice_transform
 from boxgrasp.simulate import draw_scene, to_capture
 
 

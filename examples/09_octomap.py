@@ -11,7 +11,7 @@ import numpy as np
 from boxgrasp import GraspSelector
 from boxgrasp.geometry.transforms import make_transform, transform
 from boxgrasp.io.octomap import read_octomap, write_octomap
-from boxgrasp.occupancy import build_local_map
+from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.simulate import demo_capture
 
 view = demo_capture()

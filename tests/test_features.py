@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.features import FACE_FEATURE, line, line_schema, normalised, single, single_schema
 from boxgrasp.geometry.transforms import rotation_z
-from boxgrasp.occupancy import LocalMap, OccupancyConfig, build_local_map, local_map_of, log_odds
+from boxgrasp.mapping.local_map import LocalMap, OccupancyConfig, local_map_of, log_odds
+from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.samples import RIGHT, TOP_PERPENDICULAR, grid, portion, spiral
 
 BOX = (0.06, 0.18, 0.24)

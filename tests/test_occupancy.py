@@ -15,19 +15,16 @@ from boxgrasp.errors import BoxgraspError, ConfigError, MapError
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels import rays
 from boxgrasp.kernels.rays import ray_cells_naive
-from boxgrasp.occupancy import (
+from boxgrasp.mapping.local_map import (
     FREE,
     OCCUPIED,
     UNSEEN,
     LocalMap,
     OccupancyConfig,
-    build_local_map,
-    insert_scans,
-    lattice_transform,
     local_map_of,
     log_odds,
-    mark,
 )
+from boxgrasp.mapping.ray_insertion import build_local_map, insert_scans, lattice_transform, mark
 
 Scans = list[tuple[np.ndarray, np.ndarray]]
 QUIET = settings(

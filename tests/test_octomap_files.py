@@ -21,15 +21,15 @@ from boxgrasp.io.octomap import (
     read_octomap,
     write_octomap,
 )
-from boxgrasp.occupancy import (
+from boxgrasp.mapping.local_map import (
     FREE,
     OCCUPIED,
     UNSEEN,
     LocalMap,
     OccupancyConfig,
-    build_local_map,
     local_map_of,
 )
+from boxgrasp.mapping.ray_insertion import build_local_map
 
 QUIET = settings(
     deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -8,7 +8,8 @@ from scipy.spatial import cKDTree
 
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.transforms import rotation_z
-from boxgrasp.occupancy import OccupancyConfig, build_local_map
+from boxgrasp.mapping.local_map import OccupancyConfig
+from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.samples import (
     FRONT,
     LEFT,

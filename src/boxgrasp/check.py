@@ -14,9 +14,9 @@ from boxgrasp.errors import GripperError
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.gripper import Gripper
-from boxgrasp.hidden import columns_under, deepened, unseen_cells
 from boxgrasp.kernels.uprights import filled_shares
-from boxgrasp.occupancy import FREE, LocalMap
+from boxgrasp.mapping.local_map import FREE, LocalMap
+from boxgrasp.mapping.unseen_space import columns_under, deepened, unseen_cells
 from boxgrasp.options import FACES, Options
 from boxgrasp.perception.scene import Scene
 

@@ -16,7 +16,7 @@ from boxgrasp.check import CheckConfig
 from boxgrasp.choosers import NAMES
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.gripper import Gripper
-from boxgrasp.occupancy import OccupancyConfig
+from boxgrasp.mapping.local_map import OccupancyConfig
 from boxgrasp.options import OptionsConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene import SceneConfig

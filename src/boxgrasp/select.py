@@ -16,8 +16,10 @@ from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
 from boxgrasp.gripper import Gripper
-from boxgrasp.hidden import unexplained_cells
-from boxgrasp.occupancy import LocalMap, MapCells, Scan, build_local_map, map_from_octomap
+from boxgrasp.mapping.local_map import LocalMap
+from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
+from boxgrasp.mapping.ray_insertion import Scan, build_local_map
+from boxgrasp.mapping.unseen_space import unexplained_cells
 from boxgrasp.options import FACES, options_of
 from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels

@@ -15,7 +15,7 @@ from boxgrasp.check import Numbers
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.box import Box
 from boxgrasp.gripper import Gripper
-from boxgrasp.occupancy import LocalMap
+from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.options import Options
 
 NAMES = {

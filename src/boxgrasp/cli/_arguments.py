@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from boxgrasp.config import Config
-    from boxgrasp.occupancy import MapCells
+    from boxgrasp.mapping.octomap_leaves import MapCells
     from boxgrasp.perception.target import Target
     from boxgrasp.sensing.capture import Capture
 

@@ -16,7 +16,7 @@ import numpy as np
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.geometry.transforms import invert
 from boxgrasp.learn.rows import RowConfig, occupied_at, scenario_of_row, selector
-from boxgrasp.occupancy import build_local_map
+from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.perception.target import Target
 from boxgrasp.samples import RESOLUTION_M
 

@@ -20,7 +20,8 @@ from boxgrasp.errors import MapError, MissingExtraError
 from boxgrasp.geometry.transforms import invert
 from boxgrasp.kernels import octree
 from boxgrasp.kernels.rays import TREE_HALF
-from boxgrasp.occupancy import LocalMap, MapCells, OccupancyConfig, log_odds, map_from_octomap
+from boxgrasp.mapping.local_map import LocalMap, OccupancyConfig, log_odds
+from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 
 _HEADERS = {b"# Octomap OcTree file": False, b"# Octomap OcTree binary file": True}
 _NODE_BYTES = {"OcTree": 5, "OcTreeStamped": 5, "ColorOcTree": 8}  # of a node of a .ot stream

@@ -22,7 +22,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.label import Operator, Shown
 from boxgrasp.label.operator import StandIn
-from boxgrasp.occupancy import LocalMap
+from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
 from boxgrasp.samples import RESOLUTION_M, portion, sampling

@@ -14,7 +14,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels._jit import jit
-from boxgrasp.occupancy import FREE, UNSEEN, LocalMap
+from boxgrasp.mapping.local_map import FREE, UNSEEN, LocalMap
 from boxgrasp.perception.scene import Scene
 
 _FAR_M = 1.0

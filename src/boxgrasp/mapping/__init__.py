@@ -1,0 +1,1 @@
+"""What is occupied, free and unseen round the target."""

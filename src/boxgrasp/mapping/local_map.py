@@ -1,0 +1,155 @@
+"""What is occupied, free and unseen round the target: a dense log-odds grid with OctoMap's rules.
+
+Thesis section 1-2-2 and 2-2; the update of Hornung et al., OctoMap, 2013, cell by cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from boxgrasp.arrays import Floats, readonly
+from boxgrasp.errors import ConfigError
+
+FREE, UNSEEN, OCCUPIED = 0, 1, 2
+
+Flags = NDArray[np.uint8]
+
+_MOST_CELLS = 50_000_000
+_ABOVE_SUPPORT_M = 0.002  # the lowest layer keeps this far off the support plane's noise
+_LATTICE_SLACK = 1e-9  # of a cell: 0.42 / 0.07 must be 6 cells, not 7
+
+
+@dataclass(frozen=True)
+class OccupancyConfig:
+    """The local map: cell size, OctoMap's sensor model, thresholds, extent round the target.
+
+    thin: insert every thin-th point in the image's order (thesis 3-5-2: every second); None takes
+    every second row and column of a dense image, which still crosses every cell.
+    """
+
+    resolution_m: Annotated[float, msgspec.Meta(ge=0.005, le=0.2)] = 0.03
+    hit: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.7
+    miss: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.3
+    clamp_min: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.1192
+    clamp_max: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.971
+    occupied_above: Annotated[float, msgspec.Meta(ge=0.5, lt=1.0)] = 0.66
+    free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.33
+    half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.36
+    height_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.54
+    centre_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
+    thin: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
+
+    def lattice(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
+        """Key of the lowest cell and (nx, ny, nz).
+
+        Keys count cells in the lattice frame: the map frame, moved half a cell down.
+
+        Raises:
+            ConfigError: the extent and the resolution make more cells than memory holds.
+        """
+        s = self.resolution_m
+        n = max(1, math.ceil(self.half_width_m / s - _LATTICE_SLACK))
+        # Layer k spans (k - 1/2) s to (k + 1/2) s round the half sphere's centre.
+        down = self.centre_above_support_m - _ABOVE_SUPPORT_M
+        low = math.ceil(0.5 - down / s - _LATTICE_SLACK)
+        up = self.height_m - self.centre_above_support_m
+        top = max(low, math.ceil(up / s - 0.5 - _LATTICE_SLACK))
+        shape = (2 * n, 2 * n, top - low + 1)
+        if shape[0] * shape[1] * shape[2] > _MOST_CELLS:
+            raise ConfigError(
+                f"occupancy: resolution_m {s} makes {shape[0]} x {shape[1]} x {shape[2]} cells; "
+                f"valid: at most {_MOST_CELLS} (coarser, or a smaller half_width_m, height_m)"
+            )
+        return np.array([-n, -n, low], dtype=np.int64), shape
+
+
+def log_odds(probability: float) -> np.float32:
+    """Logarithm of p / (1 - p), rounded to float32 as OctoMap stores it."""
+    return np.float32(math.log(probability / (1.0 - probability)))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalMap:
+    """Cells round the target.
+
+    T_base_map (4, 4): origin at the half sphere's centre, turned with the box. `lowest` (3,): the
+    map-frame corner of cell 0, 0, 0, metres. `log_odds` (nx, ny, nz) float32, 0 where not `known`
+    (nx, ny, nz) bool. Horizontally cells have their borders on multiples of the resolution, and
+    vertically their centres, so that every sample of a grid of that spacing is a cell's centre.
+    """
+
+    T_base_map: Floats
+    resolution_m: float
+    lowest: Floats
+    log_odds: NDArray[np.float32]
+    known: NDArray[np.bool_]
+    occupied_above: float = 0.66
+    free_below: float = 0.33
+
+    def __post_init__(self) -> None:
+        readonly(self.lowest)
+        readonly(self.log_odds)
+        readonly(self.known)
+        # Log-odds rise with p, so the thresholds are compared there, without an exp a cell. A cell
+        # that is not known has 0, between them.
+        state = (self.log_odds > log_odds(self.occupied_above)).astype(np.uint8)
+        state += self.log_odds >= log_odds(self.free_below)
+        object.__setattr__(self, "_state", readonly(state))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(nx, ny, nz)."""
+        nx, ny, nz = self.log_odds.shape
+        return nx, ny, nz
+
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """(nx, ny, nz) occupancy probability, 0.5 where nothing is known."""
+        return np.asarray(1.0 - 1.0 / (1.0 + np.exp(self.log_odds.astype(np.float64))))
+
+    @property
+    def state(self) -> Flags:
+        """(nx, ny, nz) uint8: 0 free, 1 unseen or uncertain, 2 occupied (thesis section 2-2)."""
+        state: Flags = self.__dict__["_state"]
+        return state
+
+    def keys(self, points_map: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """(M, 3) cell of each point (map frame) and (M,) whether that cell is in the map."""
+        p = np.asarray(points_map, dtype=np.float64).reshape(-1, 3)
+        cells = np.floor((p - self.lowest) / self.resolution_m)
+        inside = np.all((cells >= 0) & (cells < self.shape), axis=1)  # NaN is outside
+        return np.where(inside[:, None], cells, 0).astype(np.int64), inside
+
+    def values_at(self, points_map: ArrayLike) -> NDArray[np.float32]:
+        """(M,) float32 for points (M, 3) of the map frame: 0 free, 1 occupied, 0.5 else."""
+        cells, inside = self.keys(points_map)
+        state = self.state[cells[:, 0], cells[:, 1], cells[:, 2]]
+        return np.where(inside, state * np.float32(0.5), np.float32(0.5)).astype(np.float32)
+
+    def cells(self, state: int) -> Floats:
+        """(K, 3) centres, map frame, of the cells in `state`, in the order of their index."""
+        found = np.argwhere(self.state == state)
+        return np.asarray(self.lowest + (found + 0.5) * self.resolution_m)
+
+    @property
+    def centres(self) -> Floats:
+        """(nx, ny, nz, 3) centres of all cells, map frame."""
+        index = np.moveaxis(np.indices(self.shape), 0, -1)
+        return np.asarray(self.lowest + (index + 0.5) * self.resolution_m)
+
+
+def local_map_of(
+    values: NDArray[np.float32], known: NDArray[np.bool_], T_base_map: Floats, c: OccupancyConfig
+) -> LocalMap:
+    """A LocalMap from arrays on the lattice of `c`."""
+    lowest, _ = c.lattice()
+    corner = (lowest - np.array([0.0, 0.0, 0.5])) * c.resolution_m
+    return LocalMap(
+        T_base_map, c.resolution_m, corner, values, known, c.occupied_above, c.free_below
+    )
