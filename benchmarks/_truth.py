@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.simulate import (
     OptionTruth,
     TableScene,

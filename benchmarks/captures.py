@@ -29,7 +29,7 @@ import numpy as np
 from boxgrasp import BoxgraspError, Capture, GraspSelector, Selection, Target
 from boxgrasp.draw import draw_selection
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.options import FACES
+from boxgrasp.grasps.candidates import FACES
 
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "captures"
 

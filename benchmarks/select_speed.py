@@ -31,8 +31,8 @@ from boxgrasp import Capture, GraspSelector, Selection
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import options_of
+from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.samples import grid
 
 BAR_MS, BAR_OBVIOUS, BAR_CROPPED, BAR_MB = 33.0, 10.0, 5.0, 400.0

@@ -1,7 +1,7 @@
 """Every option comes with its numbers and, if it fell out, with the reason."""
 
 from boxgrasp import GraspSelector
-from boxgrasp.options import FACES
+from boxgrasp.grasps.candidates import FACES
 from boxgrasp.simulate import demo_capture
 
 selection = GraspSelector().select(demo_capture())

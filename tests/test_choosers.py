@@ -19,8 +19,8 @@ from boxgrasp.errors import ConfigError, ModelError
 from boxgrasp.features import line, single
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import options_of
+from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.samples import sampling
 
 SEEDS = range(4)

@@ -12,9 +12,9 @@ from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z
 from boxgrasp.grasps import scoring
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.raycast import BOX
-from boxgrasp.options import options_of
 from boxgrasp.perception.scene import SceneConfig, find_scene
 from boxgrasp.simulate import Box as SolidBox
 from boxgrasp.simulate import box_clearance, option_truth, true_options

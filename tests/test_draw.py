@@ -27,8 +27,8 @@ from boxgrasp.draw.words import facts_of, headline_of
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, transform
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import options_of
+from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.perception.scene import SceneObject
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 

@@ -9,10 +9,10 @@ import pytest
 
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import TOP_PARALLEL, options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.label import Shown
 from boxgrasp.label.operator import StandIn
-from boxgrasp.options import TOP_PARALLEL, options_of
 
 STEADY = StandIn(eye_m=0.0, mood_m=0.0)
 

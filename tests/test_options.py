@@ -11,8 +11,8 @@ from boxgrasp.errors import BoxgraspError, ConfigError, GripperError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.hand_distance import to_points, uprights
 from boxgrasp.geometry.transforms import make_transform, rotation_z
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import FACES, OptionsConfig, label_of, options_of
+from boxgrasp.grasps.candidates import FACES, OptionsConfig, label_of, options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.simulate import true_box, true_options
 
 HAND = Gripper()

@@ -13,7 +13,7 @@ from boxgrasp.evaluate import plots
 from boxgrasp.evaluate.intervals import Estimate, mean, share
 from boxgrasp.evaluate.report import Row
 from boxgrasp.evaluate.worth import SHAPES
-from boxgrasp.options import RIGHT, TOP_PERPENDICULAR
+from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 
 NAMES = ("single-grid", "<cascade> & $grid$")
 GRID = {

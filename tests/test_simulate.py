@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from boxgrasp.errors import BoxgraspError, SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.simulate import (
     Box,
     Cylinder,
@@ -542,7 +542,7 @@ def test_true_options_follow_the_conventions() -> None:
 
 def test_true_options_equal_the_packages_options() -> None:
     from boxgrasp.geometry.box import Box as TargetBox
-    from boxgrasp.options import options_of
+    from boxgrasp.grasps.candidates import options_of
 
     rng = np.random.default_rng(13)
     for lines in (1, 3, 4):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from boxgrasp.features import FeatureSchema, line_schema, single_schema
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.models import Record
-from boxgrasp.options import LEFT, TOP_PARALLEL
 from boxgrasp.samples import RESOLUTION_M, sampling
 
 VERSIONS = ("single-spiral", "single-grid", "cascade-spiral", "cascade-grid")

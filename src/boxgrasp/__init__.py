@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from boxgrasp.config import Config, load_config
     from boxgrasp.errors import BoxgraspError
-    from boxgrasp.gripper import Gripper
+    from boxgrasp.grasps.gripper import Gripper
     from boxgrasp.perception.target import Target
     from boxgrasp.select import GraspSelector
     from boxgrasp.selection import Selection

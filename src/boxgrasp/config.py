@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from os import fspath
 from typing import Any
 
-from boxgrasp.check import CheckConfig
 from boxgrasp.choosers import NAMES
 from boxgrasp.errors import ConfigError, GripperError
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import OptionsConfig
+from boxgrasp.grasps.checks import CheckConfig
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import OccupancyConfig
-from boxgrasp.options import OptionsConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene import SceneConfig
 from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml

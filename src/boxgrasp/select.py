@@ -9,18 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp import __version__, check
+from boxgrasp import __version__
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.choosers import Preference, Setup, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps import checks
+from boxgrasp.grasps.candidates import FACES, options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 from boxgrasp.mapping.ray_insertion import Scan, build_local_map
 from boxgrasp.mapping.unseen_space import unexplained_cells
-from boxgrasp.options import FACES, options_of
 from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.perception.target import Target, TargetPoints, find_target
@@ -38,7 +39,7 @@ class Sight:
     scene: Scene
     aim: TargetPoints
     situation: Situation
-    verdict: check.Verdict
+    verdict: checks.Verdict
     warnings: tuple[str, ...]
 
 
@@ -99,7 +100,7 @@ class GraspSelector:
         clock.lap("occupancy")
         # 4. Every option with its numbers (2-4, 3-4).
         options = options_of(box, config.gripper, config.options.lines)
-        numbers = check.measure(
+        numbers = checks.measure(
             options,
             config.gripper,
             box,
@@ -110,7 +111,7 @@ class GraspSelector:
             seen.width_known,
             config.check,
         )
-        verdict = check.judge(
+        verdict = checks.judge(
             options,
             numbers,
             config.gripper,

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.check import Numbers
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.box import Box
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import Options
+from boxgrasp.grasps.checks import Numbers
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import LocalMap
-from boxgrasp.options import Options
 
 NAMES = {
     "clearance": "boxgrasp.choosers.clearance:ByClearance",

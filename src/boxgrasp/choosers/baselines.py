@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
 from boxgrasp.choosers import Chooser, Preference, Situation
-from boxgrasp.options import TOP_PARALLEL
+from boxgrasp.grasps.candidates import TOP_PARALLEL
 
 
 class TopDown(Chooser):

@@ -18,9 +18,9 @@ from boxgrasp.arrays import Floats
 from boxgrasp.choosers import Chooser, Preference, Setup, Situation
 from boxgrasp.errors import ConfigError, ModelError
 from boxgrasp.features import FeatureSchema
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.models import SHIPPED, Model, cascaded, check_fits, load_model, model_name, ranked
-from boxgrasp.options import LEFT, TOP_PARALLEL
 from boxgrasp.samples import is_side, sampling
 
 FACES = range(1, 6)

@@ -12,7 +12,7 @@ from boxgrasp.cli import FAILED, _arguments, complain
 from boxgrasp.errors import BoxgraspError
 
 if TYPE_CHECKING:
-    from boxgrasp.gripper import Gripper
+    from boxgrasp.grasps.gripper import Gripper
     from boxgrasp.selection import Selection
     from boxgrasp.sensing.capture import Capture
 

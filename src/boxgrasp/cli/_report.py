@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from boxgrasp.options import FACES
+from boxgrasp.grasps.candidates import FACES
 from boxgrasp.selection import OptionReport, Selection
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from boxgrasp.cli import _arguments, _batch
 
 if TYPE_CHECKING:
-    from boxgrasp.gripper import Gripper
+    from boxgrasp.grasps.gripper import Gripper
     from boxgrasp.selection import Selection
     from boxgrasp.sensing.capture import Capture
 

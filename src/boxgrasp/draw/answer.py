@@ -18,8 +18,8 @@ from boxgrasp.draw.scales import draw_grid
 from boxgrasp.draw.shapes import corners
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.draw.words import facts_of, headline_of, style_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
 from boxgrasp.sensing.capture import Capture
 

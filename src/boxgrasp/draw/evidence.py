@@ -14,7 +14,7 @@ from boxgrasp.draw.shapes import contact_line, corners, inside
 from boxgrasp.draw.views import View
 from boxgrasp.geometry.hand_distance import to_points, uprights
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 
 _BACK_M: Final = 0.15

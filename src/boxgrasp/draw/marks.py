@@ -20,9 +20,9 @@ from boxgrasp.draw.shapes import (
 )
 from boxgrasp.draw.views import View
 from boxgrasp.draw.words import style_of
+from boxgrasp.grasps.candidates import TOP_PERPENDICULAR
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import TOP_PERPENDICULAR
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 
 _APPROACH_M: Final = 0.15

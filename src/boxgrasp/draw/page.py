@@ -24,8 +24,8 @@ from boxgrasp.draw.palette import (
 )
 from boxgrasp.draw.words import face_name, style_of
 from boxgrasp.errors import BoxgraspError
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M, category
-from boxgrasp.gripper import Gripper
 from boxgrasp.selection import OptionReport, Selection
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from boxgrasp.draw.palette import WORD
 from boxgrasp.geometry.hand_distance import CAP_M
+from boxgrasp.grasps.candidates import FACES
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import FACES
 from boxgrasp.selection import OptionReport, Selection
 
 

@@ -10,17 +10,17 @@ from typing import Protocol
 import numpy as np
 
 from boxgrasp.arrays import Array, Floats, Points
-from boxgrasp.check import Numbers
 from boxgrasp.choosers import Setup, Situation, chooser_named
 from boxgrasp.errors import ModelError
 from boxgrasp.evaluate.worth import ASK, Worth, categories, worth
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.checks import Numbers
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.learn.eight import EIGHT, Part, Svm
 from boxgrasp.learn.matrices import FACES, line_matrix, single_matrix
 from boxgrasp.learn.rows import box_of
 from boxgrasp.learn.sets import Rows
 from boxgrasp.models import Model, cascaded, check_fits, load_model, ranked
-from boxgrasp.options import options_of
 from boxgrasp.samples import is_side
 from boxgrasp.simulate.scenario import targets_of
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from boxgrasp.arrays import Points
 from boxgrasp.geometry.box import Box
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import Options
+from boxgrasp.grasps.candidates import Options
+from boxgrasp.grasps.gripper import Gripper
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from boxgrasp.errors import ModelError
 from boxgrasp.features import FeatureSchema
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.strict import build, plain
 
 FORMAT = 1

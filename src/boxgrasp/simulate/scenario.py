@@ -14,8 +14,8 @@ import numpy as np
 
 from boxgrasp.arrays import Array
 from boxgrasp.errors import SceneError
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import RED_BELOW_M
-from boxgrasp.gripper import Gripper
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.noise import NoiseModel
 from boxgrasp.simulate.objects import SimulatedObject, load_objects

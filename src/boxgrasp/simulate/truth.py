@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import make_transform, rotation_z
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.simulate.distance import boxes_to_solids
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
 from boxgrasp.simulate.scenes import TableScene

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from boxgrasp.draw.palette import CATEGORY, WORD
 from boxgrasp.evaluate.plots.sheet import FAINT_HEX, INK_HEX, hexed, sheet, svg, wrapped
-from boxgrasp.options import FACES
+from boxgrasp.grasps.candidates import FACES
 
 ORDER: Final = ("red", "yellow", "green")
 _HATCH: Final = {"red": "xxx", "yellow": "//", "green": ""}

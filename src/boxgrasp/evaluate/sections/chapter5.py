@@ -13,9 +13,9 @@ from boxgrasp.evaluate.report import Row, Section, Table
 from boxgrasp.evaluate.study import Study
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.transforms import transform
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import FACES, options_of
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.learn.rows import box_of
-from boxgrasp.options import FACES, options_of
 from boxgrasp.samples import RADIUS_M, RESOLUTION_M, sampling
 from boxgrasp.simulate.primitives import Box, Cylinder
 from boxgrasp.simulate.scenes import TableScene, build_scene

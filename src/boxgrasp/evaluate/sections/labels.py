@@ -8,8 +8,8 @@ from boxgrasp.evaluate.intervals import mean, share
 from boxgrasp.evaluate.plots import category_shares, label_distribution
 from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.study import Study
-from boxgrasp.gripper import Gripper
-from boxgrasp.options import FACES, FRONT, TOP_PARALLEL, TOP_PERPENDICULAR
+from boxgrasp.grasps.candidates import FACES, FRONT, TOP_PARALLEL, TOP_PERPENDICULAR
+from boxgrasp.grasps.gripper import Gripper
 
 
 def labels_section(study: Study) -> Section:

@@ -14,7 +14,7 @@ from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.running import read_running, running_part
 from boxgrasp.evaluate.sections.need import CASCADE
 from boxgrasp.evaluate.study import Study
-from boxgrasp.options import FACES
+from boxgrasp.grasps.candidates import FACES
 from boxgrasp.work import finish
 
 VARIANTS = {

@@ -6,7 +6,7 @@ import numpy as np
 
 from boxgrasp.evaluate.plots import golden_spiral, samples_3d
 from boxgrasp.evaluate.report import Picture, Row, Section
-from boxgrasp.options import RIGHT, TOP_PERPENDICULAR
+from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 from boxgrasp.samples import grid, portion, sampling
 
 

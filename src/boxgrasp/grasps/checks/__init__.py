@@ -13,11 +13,11 @@ from boxgrasp.arrays import Floats
 from boxgrasp.errors import GripperError
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.candidates import FACES, Options
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.mapping.local_map import FREE, LocalMap
 from boxgrasp.mapping.unseen_space import columns_under, deepened, unseen_cells
-from boxgrasp.options import FACES, Options
 from boxgrasp.perception.scene import Scene
 
 Short = Annotated[float, Meta(ge=0.0, le=0.5)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.box import Box
-from boxgrasp.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper
 
 FACES = ("left", "front", "right", "top-parallel", "top-perpendicular")
 LEFT, FRONT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR = range(1, 6)
