@@ -33,7 +33,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.candidates import options_of
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.samples import grid
+from boxgrasp.ranking.sampling import grid
 
 BAR_MS, BAR_OBVIOUS, BAR_CROPPED, BAR_MB = 33.0, 10.0, 5.0, 400.0
 NEAR_M, FAR_M, VOXEL_M, CLUSTER_M, CELL_M, CROP_M = 0.4, 1.6, 0.003, 0.015, 0.03, 0.60

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from boxgrasp import GraspSelector, choosers
-from boxgrasp.choosers import Chooser, Preference, Situation
+from boxgrasp import GraspSelector
+from boxgrasp.ranking import ranker
+from boxgrasp.ranking.ranker import Chooser, Preference, Situation
 from boxgrasp.simulate import demo_capture
 
 
@@ -17,7 +18,7 @@ class Lowest(Chooser):
         return Preference(order, sureness=np.full(len(order), 0.5))
 
 
-choosers.NAMES["lowest"] = f"{__name__}:Lowest"  # module:class, found by its name
+ranker.NAMES["lowest"] = f"{__name__}:Lowest"  # module:class, found by its name
 
 view = demo_capture()
 for name in ("clearance", "lowest"):

@@ -22,8 +22,8 @@ from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.rows import RowConfig, scenario_of_row
 from boxgrasp.learn.search import Grid, Search, train
 from boxgrasp.learn.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.models import load_model, ranked
 from boxgrasp.perception.target import Target
+from boxgrasp.ranking.onnx.model import load_model, ranked
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.work import Store, local_workers
 

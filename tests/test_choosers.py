@@ -14,14 +14,14 @@ from test_imports import run
 from tiny_models import VERSIONS, parts_of, trained, write_models
 
 from boxgrasp import GraspSelector
-from boxgrasp.choosers import NAMES, Setup, Situation, chooser_named
 from boxgrasp.errors import ConfigError, ModelError
-from boxgrasp.features import line, single
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.grasps.candidates import options_of
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.samples import sampling
+from boxgrasp.ranking.features import line, single
+from boxgrasp.ranking.ranker import NAMES, Setup, Situation, chooser_named
+from boxgrasp.ranking.sampling import sampling
 
 SEEDS = range(4)
 CELLS_M = (0.03, 0.07)

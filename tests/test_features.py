@@ -8,11 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError
-from boxgrasp.features import FACE_FEATURE, line, line_schema, normalised, single, single_schema
 from boxgrasp.geometry.transforms import rotation_z
 from boxgrasp.mapping.local_map import LocalMap, OccupancyConfig, local_map_of, log_odds
 from boxgrasp.mapping.ray_insertion import build_local_map
-from boxgrasp.samples import RIGHT, TOP_PERPENDICULAR, grid, portion, spiral
+from boxgrasp.ranking.features import (
+    FACE_FEATURE,
+    line,
+    line_schema,
+    normalised,
+    single,
+    single_schema,
+)
+from boxgrasp.ranking.sampling import RIGHT, TOP_PERPENDICULAR, grid, portion, spiral
 
 BOX = (0.06, 0.18, 0.24)
 FACES = (1, 2, 3, 4, 5)

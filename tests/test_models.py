@@ -24,21 +24,10 @@ import onnx
 from sklearn.svm import SVC
 
 from boxgrasp.errors import BoxgraspError, ModelError
-from boxgrasp.features import FeatureSchema
 from boxgrasp.learn.export import to_onnx
-from boxgrasp.models import (
-    DIGEST_KEY,
-    FORMAT,
-    RECORD_KEY,
-    Record,
-    cascaded,
-    check_fits,
-    digest,
-    load_model,
-    ranked,
-    to_json,
-)
-from boxgrasp.models.record import from_json
+from boxgrasp.ranking.features import FeatureSchema
+from boxgrasp.ranking.onnx.model import DIGEST_KEY, RECORD_KEY, cascaded, digest, load_model, ranked
+from boxgrasp.ranking.onnx.record import FORMAT, Record, check_fits, from_json, to_json
 
 
 def names_of(width: int) -> FeatureSchema:

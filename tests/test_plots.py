@@ -7,13 +7,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from boxgrasp import samples
 from boxgrasp.errors import MissingExtraError
 from boxgrasp.evaluate import plots
 from boxgrasp.evaluate.intervals import Estimate, mean, share
 from boxgrasp.evaluate.report import Row
 from boxgrasp.evaluate.worth import SHAPES
 from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
+from boxgrasp.ranking import sampling
 
 NAMES = ("single-grid", "<cascade> & $grid$")
 GRID = {
@@ -35,9 +35,9 @@ EVERY = {
     "choosers": lambda: plots.chooser_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING]),
     "curves": lambda: plots.curves((1, 10), {NAMES[1]: [share(1, 9)] * 2}, "n", "s", log_x=True),
     "golden": plots.golden_spiral,
-    "spiral": lambda: plots.samples_3d(samples.spiral()),
-    "dense": lambda: plots.samples_3d(samples.dense()),
-    "portion": lambda: plots.samples_3d(samples.grid(), samples.portion(samples.grid(), RIGHT)),
+    "spiral": lambda: plots.samples_3d(sampling.spiral()),
+    "dense": lambda: plots.samples_3d(sampling.dense()),
+    "portion": lambda: plots.samples_3d(sampling.grid(), sampling.portion(sampling.grid(), RIGHT)),
 }
 NS = "{http://www.w3.org/2000/svg}"
 
@@ -163,8 +163,8 @@ def test_the_golden_spiral_grows_to_256():
 
 @pytest.mark.parametrize(("face", "count"), [(RIGHT, 57), (TOP_PERPENDICULAR, 118)])
 def test_views_show_every_sample_and_the_portions_apart(face, count):
-    points = samples.spiral()
-    svg = plots.samples_3d(points, samples.portion(points, face))
+    points = sampling.spiral()
+    svg = plots.samples_3d(points, sampling.portion(points, face))
     assert {marks(group) for group in groups(svg, "portion-").values()} == {count}
     assert {marks(group) for group in groups(svg, "rest-").values()} == {184}
     whole = groups(plots.samples_3d(points), "from-")
@@ -172,7 +172,7 @@ def test_views_show_every_sample_and_the_portions_apart(face, count):
 
 
 def test_samples_behind_one_another_are_drawn_once():
-    grid = samples.grid()
+    grid = sampling.grid()
     above = groups(plots.samples_3d(grid), "from-above")["from-above"]
     assert marks(above) == len(np.unique(np.round(grid[:, :2], 6), axis=0)) < 184
 

@@ -11,7 +11,6 @@ import pytest
 pytest.importorskip("pyarrow", reason="extra train")
 pytest.importorskip("onnx", reason="extra train")
 
-from boxgrasp import features
 from boxgrasp.errors import ConfigError
 from boxgrasp.label import Label
 from boxgrasp.learn.matrices import largest_edge_m, line_matrix, single_matrix
@@ -27,7 +26,8 @@ from boxgrasp.learn.sets import (
     to_parquet,
 )  # fmt: skip
 from boxgrasp.perception.target import Target
-from boxgrasp.samples import RESOLUTION_M, sampling
+from boxgrasp.ranking import features
+from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.work import Store, local_workers
 

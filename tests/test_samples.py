@@ -10,7 +10,7 @@ from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.transforms import rotation_z
 from boxgrasp.mapping.local_map import OccupancyConfig
 from boxgrasp.mapping.ray_insertion import build_local_map
-from boxgrasp.samples import (
+from boxgrasp.ranking.sampling import (
     FRONT,
     LEFT,
     RESOLUTION_M,

@@ -31,7 +31,7 @@ from boxgrasp.evaluate.sections.captures import captures_section
 from boxgrasp.learn.eight import EIGHT
 from boxgrasp.learn.rows import scenario_of_row
 from boxgrasp.learn.sets import read_set
-from boxgrasp.models import SHIPPED
+from boxgrasp.ranking.onnx.model import SHIPPED
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
 from boxgrasp.work import Store

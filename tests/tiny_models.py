@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp.features import FeatureSchema, line_schema, single_schema
 from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.models import Record
-from boxgrasp.samples import RESOLUTION_M, sampling
+from boxgrasp.ranking.features import FeatureSchema, line_schema, single_schema
+from boxgrasp.ranking.onnx.record import Record
+from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
 
 VERSIONS = ("single-spiral", "single-grid", "cascade-spiral", "cascade-grid")
 

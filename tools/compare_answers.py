@@ -171,7 +171,7 @@ def answers(args: argparse.Namespace) -> None:
 
     for k in range(args.scenes):
         rng = np.random.default_rng((args.seed, k))
-        capture = to_capture(draw_scene(rng), rng, noise=k % 5 != 4)[0]
+        capture: Any = to_capture(draw_scene(rng), rng, noise=k % 5 != 4)[0]
         config = {"ranker": RANKERS[k % 5], "box": {"fit": FITS[k % 4]}}
         digest = hashlib.sha256(capture.depth.tobytes()).hexdigest()[:16]
         ask(f"cast {k} {digest}", capture, None, config)

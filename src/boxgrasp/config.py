@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from os import fspath
 from typing import Any
 
-from boxgrasp.choosers import NAMES
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.grasps.candidates import OptionsConfig
 from boxgrasp.grasps.checks import CheckConfig
@@ -20,6 +19,7 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import OccupancyConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene import SceneConfig
+from boxgrasp.ranking.ranker import NAMES
 from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from boxgrasp import __version__
 from boxgrasp.arrays import Floats, readonly
-from boxgrasp.choosers import Preference, Setup, Situation, chooser_named
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
@@ -26,6 +25,7 @@ from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Visibility, look
+from boxgrasp.ranking.ranker import Preference, Setup, Situation, chooser_named
 from boxgrasp.selection import BoxReport, OptionReport, Selection
 from boxgrasp.sensing.capture import Capture
 

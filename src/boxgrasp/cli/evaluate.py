@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from boxgrasp.evaluate.report_pages import cell
     from boxgrasp.evaluate.sections.choosers import COLUMNS, chooser_table
     from boxgrasp.learn.sets import read_set
-    from boxgrasp.models import SHIPPED
+    from boxgrasp.ranking.onnx.model import SHIPPED
     from boxgrasp.strict import plain
     from boxgrasp.work import Store
 

@@ -10,7 +10,6 @@ from typing import Protocol
 import numpy as np
 
 from boxgrasp.arrays import Array, Floats, Points
-from boxgrasp.choosers import Setup, Situation, chooser_named
 from boxgrasp.errors import ModelError
 from boxgrasp.evaluate.worth import ASK, Worth, categories, worth
 from boxgrasp.grasps.candidates import options_of
@@ -20,8 +19,10 @@ from boxgrasp.learn.eight import EIGHT, Part, Svm
 from boxgrasp.learn.matrices import FACES, line_matrix, single_matrix
 from boxgrasp.learn.rows import box_of
 from boxgrasp.learn.sets import Rows
-from boxgrasp.models import Model, cascaded, check_fits, load_model, ranked
-from boxgrasp.samples import is_side
+from boxgrasp.ranking.onnx.model import Model, cascaded, load_model, ranked
+from boxgrasp.ranking.onnx.record import check_fits
+from boxgrasp.ranking.ranker import Setup, Situation, chooser_named
+from boxgrasp.ranking.sampling import is_side
 from boxgrasp.simulate.scenario import targets_of
 
 VERSIONS = ("single-spiral", "cascade-spiral", "single-grid", "cascade-grid")

@@ -16,7 +16,7 @@ from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.rows import RowConfig, scenario_of_row, selector, states_at
 from boxgrasp.learn.search import train
 from boxgrasp.perception.target import Target
-from boxgrasp.samples import grid
+from boxgrasp.ranking.sampling import grid
 
 # Cell sizes of future work 6-1; 7 cm is the grid sampling that every row has.
 CELLS_M = (0.02, 0.03, 0.05, 0.10)

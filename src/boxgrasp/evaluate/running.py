@@ -18,7 +18,7 @@ from boxgrasp.geometry.transforms import invert
 from boxgrasp.learn.rows import RowConfig, occupied_at, scenario_of_row, selector
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.perception.target import Target
-from boxgrasp.samples import RESOLUTION_M
+from boxgrasp.ranking.sampling import RESOLUTION_M
 
 BEFORE = 5  # frames that the map has seen before the first decision (ours)
 COLUMNS = ("given_grid", "given_grid_portions", "given_dimensions_m")

@@ -15,15 +15,15 @@ import numpy as np
 from boxgrasp import __version__
 from boxgrasp.arrays import Array, Points
 from boxgrasp.errors import ConfigError
-from boxgrasp.features import FeatureSchema, line_schema, single_schema
 from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.learn.export import to_onnx
 from boxgrasp.learn.matrices import largest_edge_m, line_examples, single_matrix
 from boxgrasp.learn.search import Grid, Search, one_vs_rest_accuracy, search, train
 from boxgrasp.learn.sets import Rows, SetConfig, claim
-from boxgrasp.models import Record, model_name
-from boxgrasp.samples import RESOLUTION_M, sampling
+from boxgrasp.ranking.features import FeatureSchema, line_schema, single_schema
+from boxgrasp.ranking.onnx.record import Record, model_name
+from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
 from boxgrasp.strict import plain
 from boxgrasp.work import Store, Workers, finish
 

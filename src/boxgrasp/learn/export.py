@@ -8,7 +8,8 @@ import numpy as np
 
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.errors import MissingExtraError, ModelError
-from boxgrasp.models import DIGEST_KEY, RECORD_KEY, Record, digest, to_json
+from boxgrasp.ranking.onnx.model import DIGEST_KEY, RECORD_KEY, digest
+from boxgrasp.ranking.onnx.record import Record, to_json
 
 _OPSET, _IR = 17, 8  # read by every onnxruntime that `boxgrasp[svm]` allows
 # A contest this even is even: what is left is rounding, and differs between machines. LIBSVM

@@ -1,4 +1,4 @@
-"""Rows to feature matrices, exactly the features of `boxgrasp.features`, many at once."""
+"""Rows to feature matrices, exactly the features of `boxgrasp.ranking.features`, many at once."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from boxgrasp.arrays import Array, Floats, Points
-from boxgrasp.features import FACE_FEATURE
-from boxgrasp.samples import is_side, portion, sampling
+from boxgrasp.ranking.features import FACE_FEATURE
+from boxgrasp.ranking.sampling import is_side, portion, sampling
 
 FACES = range(1, 6)
 

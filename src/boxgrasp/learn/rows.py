@@ -25,7 +25,7 @@ from boxgrasp.label.operator import StandIn
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
-from boxgrasp.samples import RESOLUTION_M, portion, sampling
+from boxgrasp.ranking.sampling import RESOLUTION_M, portion, sampling
 from boxgrasp.select import GraspSelector, Sight
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario

@@ -16,7 +16,7 @@ from boxgrasp.geometry.transforms import transform
 from boxgrasp.grasps.candidates import FACES, options_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.learn.rows import box_of
-from boxgrasp.samples import RADIUS_M, RESOLUTION_M, sampling
+from boxgrasp.ranking.sampling import RADIUS_M, RESOLUTION_M, sampling
 from boxgrasp.simulate.primitives import Box, Cylinder
 from boxgrasp.simulate.scenes import TableScene, build_scene
 

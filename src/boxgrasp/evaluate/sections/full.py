@@ -24,10 +24,10 @@ from boxgrasp.evaluate.report import Picture, Row, Section, Table
 from boxgrasp.evaluate.sections.readings import KINDS, held, judged
 from boxgrasp.evaluate.study import Study
 from boxgrasp.evaluate.worth import worth
-from boxgrasp.features import DIMENSIONS
 from boxgrasp.learn.matrices import largest_edge_m
 from boxgrasp.learn.sets import Rows, joined
-from boxgrasp.samples import RESOLUTION_M, grid
+from boxgrasp.ranking.features import DIMENSIONS
+from boxgrasp.ranking.sampling import RESOLUTION_M, grid
 from boxgrasp.work import finish
 
 LINES = (1, 3, 5, 7)

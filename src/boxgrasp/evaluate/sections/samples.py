@@ -7,7 +7,7 @@ import numpy as np
 from boxgrasp.evaluate.plots import golden_spiral, samples_3d
 from boxgrasp.evaluate.report import Picture, Row, Section
 from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
-from boxgrasp.samples import grid, portion, sampling
+from boxgrasp.ranking.sampling import grid, portion, sampling
 
 
 def samples_section() -> Section:

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from boxgrasp.errors import ModelError
-from boxgrasp.features import FeatureSchema
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.ranking.features import FeatureSchema
 from boxgrasp.strict import build, plain
 
 FORMAT = 1

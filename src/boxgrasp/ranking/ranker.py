@@ -19,13 +19,13 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import LocalMap
 
 NAMES = {
-    "clearance": "boxgrasp.choosers.clearance:ByClearance",
-    "single-spiral": "boxgrasp.choosers.svm:SingleSpiral",
-    "single-grid": "boxgrasp.choosers.svm:SingleGrid",
-    "cascade-spiral": "boxgrasp.choosers.svm:CascadeSpiral",
-    "cascade-grid": "boxgrasp.choosers.svm:CascadeGrid",
-    "top-down": "boxgrasp.choosers.baselines:TopDown",
-    "random": "boxgrasp.choosers.baselines:Random",
+    "clearance": "boxgrasp.ranking.rankers.clearance:ByClearance",
+    "single-spiral": "boxgrasp.ranking.rankers.svm:SingleSpiral",
+    "single-grid": "boxgrasp.ranking.rankers.svm:SingleGrid",
+    "cascade-spiral": "boxgrasp.ranking.rankers.svm:CascadeSpiral",
+    "cascade-grid": "boxgrasp.ranking.rankers.svm:CascadeGrid",
+    "top-down": "boxgrasp.ranking.rankers.baselines:TopDown",
+    "random": "boxgrasp.ranking.rankers.baselines:Random",
 }
 
 

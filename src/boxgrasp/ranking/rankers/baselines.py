@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.choosers import Chooser, Preference, Situation
 from boxgrasp.grasps.candidates import TOP_PARALLEL
+from boxgrasp.ranking.ranker import Chooser, Preference, Situation
 
 
 class TopDown(Chooser):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.mapping.local_map import LocalMap
-from boxgrasp.samples import PORTION_WIDTH_M, RIGHT, TOP_PERPENDICULAR, is_side, portion
+from boxgrasp.ranking.sampling import PORTION_WIDTH_M, RIGHT, TOP_PERPENDICULAR, is_side, portion
 
 # Thesis 3-3-2: side and top faces go to different models, so values may repeat.
 FACE_FEATURE = {1: 0.0, 2: 0.5, 3: 1.0, 4: 0.0, 5: 1.0}

@@ -13,15 +13,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp import features
 from boxgrasp.arrays import Floats
-from boxgrasp.choosers import Chooser, Preference, Setup, Situation
 from boxgrasp.errors import ConfigError, ModelError
-from boxgrasp.features import FeatureSchema
 from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.models import SHIPPED, Model, cascaded, check_fits, load_model, model_name, ranked
-from boxgrasp.samples import is_side, sampling
+from boxgrasp.ranking import features
+from boxgrasp.ranking.features import FeatureSchema
+from boxgrasp.ranking.onnx.model import SHIPPED, Model, cascaded, load_model, ranked
+from boxgrasp.ranking.onnx.record import check_fits, model_name
+from boxgrasp.ranking.ranker import Chooser, Preference, Setup, Situation
+from boxgrasp.ranking.sampling import is_side, sampling
 
 FACES = range(1, 6)
 Labels = NDArray[np.int64]

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import MissingExtraError, ModelError
-from boxgrasp.models import wire
-from boxgrasp.models.record import FORMAT, Record, check_fits, from_json, model_name, to_json
+from boxgrasp.ranking.onnx import guard
+from boxgrasp.ranking.onnx.record import FORMAT, Record, check_fits, from_json, model_name, to_json
 
 Labels = NDArray[np.int64]
 
 # Keys of the ONNX file's metadata: the record, and the digest of graph and record.
 RECORD_KEY, DIGEST_KEY = "boxgrasp", "boxgrasp_sha256"
-SHIPPED = Path(__file__).parent
+SHIPPED = Path(__file__).parent / "weights"
 
 _ROWS = 1024  # asked at once; bounds the memory
 _DECIMALS = 9  # of a decision value that count in an order: the rest differs between machines
@@ -91,14 +91,14 @@ def digest(graph: bytes, record: bytes) -> str:
 
 
 def _load(data: bytes) -> Model:
-    file = wire.parse(data)
+    file = guard.parse(data)
     if RECORD_KEY not in file.metadata:
         raise ModelError("the ONNX file holds no record; valid: a model that boxgrasp trained")
     text = file.metadata[RECORD_KEY]
     record = from_json(text)
     if file.metadata.get(DIGEST_KEY) != digest(file.graph, text).encode():
         raise ModelError("the file is damaged: graph and record do not match their digest")
-    wire.check_plain(data)
+    guard.check_plain(data)
     model = Model(record, _session(data))
     try:
         label, decision = model._session.run(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from boxgrasp.choosers import Chooser, Preference, Situation
 from boxgrasp.grasps.candidates import FRONT, TOP_PARALLEL
 from boxgrasp.grasps.scoring import GREEN_FROM_M
+from boxgrasp.ranking.ranker import Chooser, Preference, Situation
 
 # What unseen space in the gripper's room costs: 3 cm of room if all of it is unseen.
 _UNSEEN_COST_M = 0.03

@@ -1,0 +1,1 @@
+"""Rankers order the candidates, best first, and say how confident they are."""
