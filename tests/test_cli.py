@@ -20,7 +20,7 @@ from PIL import Image
 from boxgrasp import Capture, GraspSelector, Selection, __version__
 from boxgrasp.cli import COMMANDS, command_parser, main
 from boxgrasp.config import config_hash, load_config
-from boxgrasp.selection import JSON_SCHEMA_PATH
+from boxgrasp.result import JSON_SCHEMA_PATH
 from boxgrasp.simulate import demo_capture
 
 BOXGRASP = [sys.executable, "-m", "boxgrasp"]

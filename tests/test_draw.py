@@ -30,7 +30,7 @@ from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, tra
 from boxgrasp.grasps.candidates import options_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.perception.scene import SceneObject
-from boxgrasp.selection import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, OptionReport, Selection
 
 TABLE_M = 0.80
 

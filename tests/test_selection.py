@@ -16,7 +16,7 @@ from jsonschema import Draft202012Validator
 
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.selection import JSON_SCHEMA_PATH, BoxReport, OptionReport, Selection
+from boxgrasp.result import JSON_SCHEMA_PATH, BoxReport, OptionReport, Selection
 from boxgrasp.simulate import build_scene, to_capture
 
 SCHEMA = json.loads(JSON_SCHEMA_PATH.read_text("utf-8"))

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from boxgrasp.errors import BoxgraspError
     from boxgrasp.grasps.gripper import Gripper
     from boxgrasp.perception.target import Target
-    from boxgrasp.select import GraspSelector
-    from boxgrasp.selection import Selection
+    from boxgrasp.result import Selection
+    from boxgrasp.selector import GraspSelector
     from boxgrasp.sensing.capture import Capture
 
 __version__ = "0.1.0"
@@ -28,23 +28,23 @@ __all__ = [
     "load_config",
 ]
 
-_ROOMS = {
+_HOMES = {
     "BoxgraspError": "errors",
-    "Capture": "capture",
+    "Capture": "sensing.capture",
     "Config": "config",
-    "GraspSelector": "select",
-    "Gripper": "gripper",
-    "Selection": "selection",
-    "Target": "target",
+    "GraspSelector": "selector",
+    "Gripper": "grasps.gripper",
+    "Selection": "result",
+    "Target": "perception.target",
     "load_config": "config",
 }
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for, so that `--version` pays for none."""
-    if name not in _ROOMS:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_ROOMS[name]}"), name)
+    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
 

@@ -13,7 +13,7 @@ from boxgrasp.errors import BoxgraspError
 
 if TYPE_CHECKING:
     from boxgrasp.grasps.gripper import Gripper
-    from boxgrasp.selection import Selection
+    from boxgrasp.result import Selection
     from boxgrasp.sensing.capture import Capture
 
 _log = logging.getLogger("boxgrasp.cli")
@@ -51,7 +51,7 @@ def answer_each(
     args: argparse.Namespace, tell: Callable[[int, Capture, Selection, Gripper], None]
 ) -> int:
     """Select for every capture of the command line and `tell(number, capture, answer, hand)`."""
-    from boxgrasp.select import GraspSelector
+    from boxgrasp.selector import GraspSelector
 
     selector = GraspSelector(_arguments.resolve_config(args))
     target = _arguments.target_of(args)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from boxgrasp.grasps.candidates import FACES
-from boxgrasp.selection import OptionReport, Selection
+from boxgrasp.result import OptionReport, Selection
 
 
 def summary(selection: Selection) -> str:

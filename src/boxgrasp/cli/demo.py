@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """Select, draw, and print the summary and the picture's path."""
     from boxgrasp.cli._report import summary
     from boxgrasp.draw import draw_selection
-    from boxgrasp.select import GraspSelector
+    from boxgrasp.selector import GraspSelector
 
     selector = GraspSelector(_arguments.resolve_config(args))
     target = _arguments.target_of(args)

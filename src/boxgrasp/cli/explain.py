@@ -13,7 +13,7 @@ from boxgrasp.cli import _arguments, _batch
 
 if TYPE_CHECKING:
     from boxgrasp.grasps.gripper import Gripper
-    from boxgrasp.selection import Selection
+    from boxgrasp.result import Selection
     from boxgrasp.sensing.capture import Capture
 
 

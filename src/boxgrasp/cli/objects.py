@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """List the objects of each capture, the nearest first."""
     from boxgrasp.cli._report import table
-    from boxgrasp.select import GraspSelector
+    from boxgrasp.selector import GraspSelector
 
     selector = GraspSelector(_arguments.resolve_config(args))
     head = ("object", "centre x", "y", "z", "size x", "y", "z", "distance", "points")

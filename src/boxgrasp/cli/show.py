@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
     def draw(number: int, line: str) -> None:
         from boxgrasp.draw import draw_selection
-        from boxgrasp.selection import Selection
+        from boxgrasp.result import Selection
 
         selection = Selection.from_json(line)
         if selection.capture is None:

@@ -20,7 +20,7 @@ from boxgrasp.draw.views import View, plan_view
 from boxgrasp.draw.words import facts_of, headline_of, style_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.selection import OptionReport, Selection
+from boxgrasp.result import OptionReport, Selection
 from boxgrasp.sensing.capture import Capture
 
 if TYPE_CHECKING:

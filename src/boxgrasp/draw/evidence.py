@@ -15,7 +15,7 @@ from boxgrasp.draw.views import View
 from boxgrasp.geometry.hand_distance import to_points, uprights
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.selection import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, OptionReport, Selection
 
 _BACK_M: Final = 0.15
 _OVER_PLANE_M: Final = 0.012

@@ -23,7 +23,7 @@ from boxgrasp.draw.words import style_of
 from boxgrasp.grasps.candidates import TOP_PERPENDICULAR
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.selection import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, OptionReport, Selection
 
 _APPROACH_M: Final = 0.15
 _CROWD: Final = 30

@@ -26,7 +26,7 @@ from boxgrasp.draw.words import face_name, style_of
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M, category
-from boxgrasp.selection import OptionReport, Selection
+from boxgrasp.result import OptionReport, Selection
 
 if TYPE_CHECKING:
     from PIL.Image import Image

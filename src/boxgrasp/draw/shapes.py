@@ -9,7 +9,7 @@ import numpy as np
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.geometry.transforms import transform
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.selection import BoxReport, OptionReport
+from boxgrasp.result import BoxReport, OptionReport
 
 _SIGNS: Final = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 EDGES: Final = (

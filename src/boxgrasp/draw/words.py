@@ -7,7 +7,7 @@ from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.grasps.candidates import FACES
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.selection import OptionReport, Selection
+from boxgrasp.result import OptionReport, Selection
 
 
 def centimetres(value_m: float) -> str:

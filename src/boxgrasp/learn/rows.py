@@ -26,7 +26,7 @@ from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.sampling import RESOLUTION_M, portion, sampling
-from boxgrasp.select import GraspSelector, Sight
+from boxgrasp.selector import GraspSelector, Sight
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
 from boxgrasp.simulate.truth import option_truth, true_box

@@ -18,7 +18,7 @@ from boxgrasp.evaluate.sections.need import CASCADE
 from boxgrasp.evaluate.study import Study
 from boxgrasp.learn.eight import EIGHT
 from boxgrasp.perception.target import Target
-from boxgrasp.select import GraspSelector
+from boxgrasp.selector import GraspSelector
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.noise import NoiseModel, axial_sigma
 

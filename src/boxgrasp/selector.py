@@ -26,7 +26,7 @@ from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose,
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Visibility, look
 from boxgrasp.ranking.ranker import Preference, Setup, Situation, chooser_named
-from boxgrasp.selection import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, OptionReport, Selection
 from boxgrasp.sensing.capture import Capture
 
 _DENSE = 150_000

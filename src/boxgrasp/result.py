@@ -13,7 +13,7 @@ from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError
 
 SCHEMA = 1
-JSON_SCHEMA_PATH = Path(__file__).with_name("selection.schema.json")
+JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
 
 
 @dataclass(frozen=True, eq=False)
