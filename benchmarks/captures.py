@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp import BoxgraspError, Capture, GraspSelector, Selection, Target
+from boxgrasp import BoxgraspError, Capture, GraspSelector, Selection, Target, load_capture
 from boxgrasp.draw import draw_selection
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.candidates import FACES
@@ -120,7 +120,7 @@ def nearest_point(
     path: Path, setting: Setting, reference: Mapping[str, Any], thing: Mapping[str, Any]
 ) -> tuple[float, float, float]:
     """The cloud's point nearest to an object's middle, in the cloud's own frame."""
-    points, _ = Capture.load(path, cloud_frame=setting.cloud_frame).valid_points()
+    points, _ = load_capture(path, cloud_frame=setting.cloud_frame).valid_points()
     T_cloud_base = invert(np.array(reference["T_base_cloud"]))
     middle = transform(T_cloud_base, np.array([thing["centroid_base_m"]]))[0]
     nearest = points[np.argmin(np.linalg.norm(points - middle, axis=1))]
@@ -167,7 +167,7 @@ def all_answers(jobs: list[Job], processes: int) -> Iterator[tuple[Job, Capture,
         captures: dict[str, Capture] = {}
         for job, words in zip(jobs, said, strict=True):
             if job.name not in captures:
-                loaded = Capture.load(job.path, cloud_frame=job.setting.cloud_frame)
+                loaded = load_capture(job.path, cloud_frame=job.setting.cloud_frame)
                 captures = {job.name: loaded}
             yield job, captures[job.name], answered(job, captures[job.name], words)
 
@@ -210,7 +210,7 @@ def plane_of_scene(name: str, folder: Path) -> tuple[float, float] | None:
     reference = json.loads((folder / "reference.json").read_text("utf-8"))
     if "table_normal_camera" not in reference:
         return None
-    capture = Capture.load(cloud_of(folder))
+    capture = load_capture(cloud_of(folder))
     job = Job(name, 0, folder, SETTINGS[name], (), None, reference)
     return plane_of(job, GraspSelector(SETTINGS[name].config).select(capture, Target(object=1)))
 

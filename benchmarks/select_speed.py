@@ -40,8 +40,8 @@ NEAR_M, FAR_M, VOXEL_M, CLUSTER_M, CELL_M, CROP_M = 0.4, 1.6, 0.003, 0.015, 0.03
 # VmHWM and not ru_maxrss: a child's ru_maxrss counts what its parent held.
 PEAK = """
 import sys
-from boxgrasp import Capture, GraspSelector
-GraspSelector().select(Capture.load(sys.argv[1]))
+from boxgrasp import GraspSelector, load_capture
+GraspSelector().select(load_capture(sys.argv[1]))
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(int(peak.split()[1]) / 1024)
 """

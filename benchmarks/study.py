@@ -17,13 +17,13 @@ import numpy as np
 from sklearn.model_selection import GridSearchCV, StratifiedKFold
 from sklearn.svm import SVC
 
-from boxgrasp.learn.eight import EIGHT, examples, train_eight
-from boxgrasp.learn.matrices import largest_edge_m
-from boxgrasp.learn.rows import RowConfig
-from boxgrasp.learn.search import COARSE_C, COARSE_GAMMA, search
-from boxgrasp.learn.sets import SetConfig, make_set, read_set
+from boxgrasp.execution import Store, workers_for
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.work import Store, workers_for
+from boxgrasp.teaching.matrices import largest_edge_m
+from boxgrasp.teaching.rows import RowConfig
+from boxgrasp.teaching.search import COARSE_C, COARSE_GAMMA, search
+from boxgrasp.teaching.sets import SetConfig, make_set, read_set
+from boxgrasp.teaching.train import EIGHT, examples, train_eight
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from boxgrasp import Capture, GraspSelector, Selection
+from boxgrasp import GraspSelector, Selection, load_capture
 from boxgrasp.simulate import demo_capture
 
 view = demo_capture()
@@ -18,7 +18,7 @@ with tempfile.TemporaryDirectory() as folder:
         T_base_camera=view.T_base_camera,
         target_pixel=view.target_pixel,
     )
-    selection = GraspSelector().select(Capture.load(path))
+    selection = GraspSelector().select(load_capture(path))
 
 line = selection.to_json()
 again = Selection.from_json(line)

@@ -6,10 +6,10 @@ Needs the extra `train`. `boxgrasp simulate OUT` does the same from the command 
 import tempfile
 from collections import Counter
 
-from boxgrasp.learn.rows import RowConfig
-from boxgrasp.learn.sets import SetConfig, make_set, read_set
+from boxgrasp.execution import Store, local_workers
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.work import Store, local_workers
+from boxgrasp.teaching.rows import RowConfig
+from boxgrasp.teaching.sets import SetConfig, make_set, read_set
 
 config = SetConfig(RowConfig(Recipe(targets_of("known")), seed=1), count=8)
 with tempfile.TemporaryDirectory() as folder, local_workers(processes=1) as workers:

@@ -8,12 +8,12 @@ import tempfile
 from pathlib import Path
 
 from boxgrasp import GraspSelector, Gripper
-from boxgrasp.learn.eight import EIGHT, Provenance, train_one
-from boxgrasp.learn.rows import RowConfig
-from boxgrasp.learn.sets import SetConfig, make_set, read_set
+from boxgrasp.execution import Store, local_workers
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.work import Store, local_workers
+from boxgrasp.teaching.rows import RowConfig
+from boxgrasp.teaching.sets import SetConfig, make_set, read_set
+from boxgrasp.teaching.train import EIGHT, Provenance, train_one
 
 single_grid = next(svm for svm in EIGHT if svm.name == "single-grid")
 config = SetConfig(RowConfig(Recipe(targets_of("known")), seed=1, sights=("given",)), count=40)

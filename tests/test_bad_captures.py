@@ -20,8 +20,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from boxgrasp import load_capture
 from boxgrasp.errors import BoxgraspError, CaptureError
-from boxgrasp.sensing.capture import Capture
 
 SEEN = view()
 FLAT = SEEN.points[np.isfinite(SEEN.points[..., 0])]
@@ -318,7 +318,7 @@ def test_bad_file_is_refused_in_one_line(name, tmp_path, monkeypatch):
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         with pytest.raises(CaptureError, match=message) as caught:
-            Capture.load(path)
+            load_capture(path)
     said = str(caught.value)
     assert len(said.splitlines()) == 1 and said.isprintable()
     assert said.startswith(str(tmp_path))
@@ -332,12 +332,12 @@ def test_unreadable_place_is_refused_in_one_line(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "listdir", deny)
     with pytest.raises(CaptureError, match="cannot be read: Permission denied"):
-        Capture.load(tmp_path)
+        load_capture(tmp_path)
 
 
 def test_unknown_cloud_frame_is_refused(tmp_path):
     with pytest.raises(CaptureError, match="'world'; valid: optical, base"):
-        Capture.load(npz()(tmp_path), cloud_frame="world")
+        load_capture(npz()(tmp_path), cloud_frame="world")
 
 
 def test_claims_take_no_memory(tmp_path):
@@ -347,7 +347,7 @@ def test_claims_take_no_memory(tmp_path):
         (tmp_path / name).mkdir()
         path = BAD[name][0](tmp_path / name)
         with pytest.raises(CaptureError):
-            Capture.load(path)
+            load_capture(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 30e6
@@ -398,7 +398,7 @@ def load_or_say(folder: Path, name: str, data: bytes) -> None:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             try:
-                capture = Capture.load(path)
+                capture = load_capture(path)
             except BoxgraspError as error:
                 assert len(str(error).splitlines()) == 1 and str(path) in str(error)
             else:
@@ -454,7 +454,7 @@ import numpy as np
 from boxgrasp.sensing.capture import Capture
 path, count = sys.argv[1], int(sys.argv[2])
 start = time.perf_counter()
-capture = Capture.load(path)
+capture = load_capture(path)
 points, _ = capture.valid_points()
 assert len(points) == count, len(points)
 print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6)

@@ -11,21 +11,21 @@ pytest.importorskip("sklearn", reason="extra train")
 pytest.importorskip("onnxruntime", reason="extra svm")
 pytest.importorskip("pyarrow", reason="extra train")
 
+import boxgrasp.teaching.train as training
 from boxgrasp import GraspSelector
 from boxgrasp.errors import BoxgraspError, ConfigError
-from boxgrasp.evaluate.choices import CHOOSERS, VERSIONS, Board, brain_of
-from boxgrasp.evaluate.worth import SHAPES, THESIS, categories, worth
+from boxgrasp.execution import Store, local_workers
 from boxgrasp.grasps.scoring import score, strict_score, thesis_score
-from boxgrasp.learn import eight
-from boxgrasp.learn.eight import EIGHT, examples, train_eight
-from boxgrasp.learn.matrices import largest_edge_m
-from boxgrasp.learn.rows import RowConfig, scenario_of_row
-from boxgrasp.learn.search import Grid, Search, train
-from boxgrasp.learn.sets import Rows, SetConfig, make_set, read_set
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.onnx.model import load_model, ranked
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.work import Store, local_workers
+from boxgrasp.study.evaluation import CHOOSERS, VERSIONS, Board, brain_of
+from boxgrasp.study.metrics import SHAPES, THESIS, categories, worth
+from boxgrasp.teaching.matrices import largest_edge_m
+from boxgrasp.teaching.rows import RowConfig, scenario_of_row
+from boxgrasp.teaching.search import Grid, Search, train
+from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
+from boxgrasp.teaching.train import EIGHT, examples, train_eight
 
 COUNT = 60
 TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]))
@@ -43,7 +43,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         make_set(store, "labels/", labels, workers, "")
         make_set(store, "tested/", TESTED, workers, "")
         with pytest.MonkeyPatch.context() as patch:  # the search has tests of its own
-            patch.setattr(eight, "search", lambda X, y, seed: FOUND)
+            patch.setattr(training, "search", lambda X, y, seed: FOUND)
             train_eight(store, "models/", read_set(store, "labels/"), workers)
     return folder
 

@@ -174,7 +174,7 @@ def test_a_file_under_another_name(tmp_path: Path, folder: Path) -> None:
 def test_other_features_are_refused(tmp_path: Path) -> None:
     """A model that names itself right but was trained on spiral samples."""
     pytest.importorskip("onnxruntime")
-    from boxgrasp.learn.export import to_onnx
+    from boxgrasp.teaching.export import to_onnx
 
     svc, record = trained("single-spiral", "single")
     lying = dataclasses.replace(record, version="single-grid", sampling="grid")

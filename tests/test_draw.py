@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from boxgrasp import Capture, GraspSelector, Target
+from boxgrasp import Capture, GraspSelector, Target, load_capture
 from boxgrasp.draw import draw_objects, draw_selection
 from boxgrasp.draw.backdrops import base_cloud, camera_panel, fitted_intrinsics
 from boxgrasp.draw.canvas import Canvas, clip_to, dashes, fit, hull, text_size, wrap
@@ -652,7 +652,7 @@ def test_real_captures_are_drawn(captures_dir: Path) -> None:
     selector = GraspSelector()
     for name in ("uois_00", "haf_table1/cloud.pcd"):
         frame = "base" if "haf" in name else "optical"
-        capture = Capture.load(captures_dir / name, cloud_frame=frame)  # type: ignore[arg-type]
+        capture = load_capture(captures_dir / name, cloud_frame=frame)  # type: ignore[arg-type]
         found = selector.objects(capture)
         answer = selector.select(capture, Target(object=found[0].number))
         colour = GRIPPER if answer.status == "grasp" else BLOCKED

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boxgrasp.evaluate.intervals import Estimate, difference, mean, share
+from boxgrasp.study.intervals import Estimate, difference, mean, share
 
 # Binomial and mean coverage swings round 95 %; a sound interval stays above this for each case.
 LEAST = 0.93

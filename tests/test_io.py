@@ -9,6 +9,7 @@ import pytest
 from capture_files import HEIGHT, WIDTH, pcd_bytes, ply_bytes, view, write_folder, write_npz
 from PIL import Image
 
+from boxgrasp import load_capture
 from boxgrasp.errors import CaptureError, MissingExtraError
 from boxgrasp.sensing.capture import Capture
 
@@ -38,20 +39,20 @@ def whole() -> Capture:
 
 
 def test_npz_gives_back_its_arrays(tmp_path):
-    same(Capture.load(write_npz(tmp_path / "view.npz", SEEN)), whole(), *ALL)
+    same(load_capture(write_npz(tmp_path / "view.npz", SEEN)), whole(), *ALL)
     np.savez(tmp_path / "bare.NPZ.npz", depth=SEEN.depth, intrinsics=SEEN.intrinsics, other="x")
-    bare = Capture.load(str(tmp_path / "bare.NPZ.npz"))
+    bare = load_capture(str(tmp_path / "bare.NPZ.npz"))
     assert bare.rgb is None and bare.mask is None and bare.T_base_camera is None
     fortran = np.asfortranarray(SEEN.depth.astype(np.float64))
     same(
-        Capture.load(write_npz(tmp_path / "f.npz", SEEN, depth=fortran)),
+        load_capture(write_npz(tmp_path / "f.npz", SEEN, depth=fortran)),
         whole(),
         "depth",
     )
 
 
 def test_folder_gives_back_its_images(tmp_path):
-    loaded = Capture.load(write_folder(tmp_path / "view", SEEN))
+    loaded = load_capture(write_folder(tmp_path / "view", SEEN))
     same(loaded, whole(), "intrinsics", "T_base_camera", "rgb", "mask", "target_pixel")
     np.testing.assert_allclose(loaded.depth, SEEN.depth, atol=1e-7)
     assert loaded.notes == ()
@@ -61,7 +62,7 @@ def test_folder_takes_the_scale_it_is_told(tmp_path):
     folder = write_folder(tmp_path / "view", SEEN, scale=0.0001)
     raw = np.asarray(Image.open(folder / "depth.png"))
     assert raw.max() > 5000
-    np.testing.assert_allclose(Capture.load(folder).depth, SEEN.depth, atol=1e-6)
+    np.testing.assert_allclose(load_capture(folder).depth, SEEN.depth, atol=1e-6)
 
 
 def test_folder_takes_jpeg_masks_with_alpha_and_notes_unknown_keys(tmp_path):
@@ -75,7 +76,7 @@ def test_folder_takes_jpeg_masks_with_alpha_and_notes_unknown_keys(tmp_path):
     Image.fromarray(rgba).save(folder / "mask.png")
     Image.fromarray(SEEN.mask).save(folder / "robot_mask.png")
     (folder / "capture.json").write_text('{"T_base_cam": []}')
-    loaded = Capture.load(folder)
+    loaded = load_capture(folder)
     same(loaded, whole(), "mask")
     np.testing.assert_array_equal(loaded.robot_mask, SEEN.mask)
     np.testing.assert_allclose(loaded.rgb, smooth, atol=4)
@@ -88,7 +89,7 @@ def test_folder_takes_zero_distortion_and_refuses_any_other(tmp_path):
     camera = json.loads((folder / "intrinsics.json").read_text())
     for zero in ({"k1": 0}, {"D": [0, 0.0]}, {"distortion": {"k1": 0}}, {"distortion_model": "x"}):
         (folder / "intrinsics.json").write_text(json.dumps({**camera, **zero}))
-        Capture.load(folder)
+        load_capture(folder)
     for bent in (
         {"k1": 0.1},
         {"D": [0, 0, -1e-3]},
@@ -99,7 +100,7 @@ def test_folder_takes_zero_distortion_and_refuses_any_other(tmp_path):
     ):
         (folder / "intrinsics.json").write_text(json.dumps({**camera, **bent}))
         with pytest.raises(CaptureError, match=f"{next(iter(bent))}.*rectified"):
-            Capture.load(folder)
+            load_capture(folder)
 
 
 @pytest.mark.parametrize("encoding", PCD_ENCODINGS)
@@ -111,12 +112,12 @@ def test_pcd_gives_back_its_points(tmp_path, encoding, rgb_type):
     path.write_bytes(
         pcd_bytes(SEEN.points, encoding, rgb=SEEN.rgb, rgb_type=rgb_type, organised=True)
     )
-    organised = Capture.load(path)
+    organised = load_capture(path)
     expected = Capture.from_cloud(SEEN.points, colors=SEEN.rgb)
     same(organised, expected, "points", "colors")
     assert organised.shape == (HEIGHT, WIDTH) and organised.cloud_frame == "optical"
     path.write_bytes(pcd_bytes(SEEN.points, encoding, rgb=SEEN.rgb, rgb_type=rgb_type))
-    loose = Capture.load(path, cloud_frame="base")
+    loose = load_capture(path, cloud_frame="base")
     flat = SEEN.points.reshape(-1, 3)
     expected = Capture.from_cloud(flat, colors=SEEN.rgb.reshape(-1, 3), cloud_frame="base")
     same(loose, expected, "points", "colors")
@@ -130,9 +131,9 @@ def test_pcd_as_text_may_be_untidy(tmp_path):
     path = tmp_path / "cloud.pcd"
     for text in (body.replace(b" ", b"  "), b"\t" + body, body.replace(b"\n", b" \r\n\n")):
         path.write_bytes(head + b"DATA ascii\n" + text)
-        np.testing.assert_array_equal(Capture.load(path).points, points)
+        np.testing.assert_array_equal(load_capture(path).points, points)
     path.write_bytes(tidy.replace(b"\n", b"\r\n"))
-    np.testing.assert_array_equal(Capture.load(path).points, points)
+    np.testing.assert_array_equal(load_capture(path).points, points)
 
 
 def test_pcd_viewpoint_is_the_cameras_pose_in_the_points_frame(tmp_path):
@@ -145,7 +146,7 @@ def test_pcd_viewpoint_is_the_cameras_pose_in_the_points_frame(tmp_path):
     pose = " ".join(repr(float(n)) for n in (*T[:3, 3], w, x, y, z))
     path = tmp_path / "cloud.pcd"
     path.write_bytes(pcd_bytes(in_base, "binary", viewpoint=pose))
-    capture = Capture.load(path)
+    capture = load_capture(path)
     assert capture.cloud_frame == "base" and capture.has_camera and capture.notes == ()
     np.testing.assert_allclose(capture.T_base_camera, T, atol=1e-12)
     same(capture, Capture.from_cloud(in_base, cloud_frame="base"), "points")
@@ -157,9 +158,9 @@ def test_ply_gives_back_its_points(tmp_path, encoding):
     rgb = SEEN.rgb[np.isfinite(SEEN.points[..., 0])]
     path = tmp_path / "cloud.ply"
     path.write_bytes(ply_bytes(flat, encoding, rgb=rgb))
-    same(Capture.load(path), Capture.from_cloud(flat, colors=rgb), "points", "colors")
+    same(load_capture(path), Capture.from_cloud(flat, colors=rgb), "points", "colors")
     path.write_bytes(ply_bytes(flat, encoding))
-    assert Capture.load(path).colors is None
+    assert load_capture(path).colors is None
 
 
 def test_ply_reads_what_another_library_writes(tmp_path):
@@ -170,7 +171,7 @@ def test_ply_reads_what_another_library_writes(tmp_path):
     for encoding in ("ascii", "binary"):
         path = tmp_path / f"{encoding}.ply"
         path.write_bytes(trimesh.exchange.ply.export_ply(cloud, encoding=encoding))
-        loaded = Capture.load(path)
+        loaded = load_capture(path)
         expected = Capture.from_cloud(flat, colors=rgb)
         # as text trimesh writes eight decimals
         np.testing.assert_allclose(loaded.points, expected.points, atol=1e-6)
@@ -189,12 +190,12 @@ def test_pcd_reads_what_another_library_writes(tmp_path):
         if encoding.value == "binaryscompressed":
             continue  # a name of its own for compressed data
         expected = Capture.from_cloud(flat, colors=rgb)
-        same(Capture.load(path), expected, "points", *["colors"][: encoding.value != "ascii"])
+        same(load_capture(path), expected, "points", *["colors"][: encoding.value != "ascii"])
 
 
 def test_folder_may_hold_a_cloud(tmp_path):
     (tmp_path / "cloud.pcd").write_bytes(pcd_bytes(SEEN.points, "binary", organised=True))
-    same(Capture.load(tmp_path), Capture.from_cloud(SEEN.points), "points")
+    same(load_capture(tmp_path), Capture.from_cloud(SEEN.points), "points")
 
 
 @pytest.fixture(params=BAGS)
@@ -206,7 +207,7 @@ def bag_kind(request):
 def test_bag_gives_its_first_depth_image_with_camera_and_colour(tmp_path, bag_kind):
     from bag_files import depth_bag
 
-    capture = Capture.load(depth_bag(bag_kind, SEEN).write(tmp_path))
+    capture = load_capture(depth_bag(bag_kind, SEEN).write(tmp_path))
     same(capture, whole(), "intrinsics", "rgb")
     np.testing.assert_allclose(capture.depth, SEEN.depth, atol=1e-7)
     assert capture.T_base_camera is None
@@ -218,12 +219,12 @@ def test_bag_gives_the_message_nearest_to_a_stamp(tmp_path, bag_kind):
     path = depth_bag(bag_kind, SEEN).write(tmp_path)
     valid = SEEN.depth > 0
     for stamp, moved in ((99.5, 0.0), (101.2, 0.1), (101.9, 0.2)):
-        capture = Capture.load(path, stamp=stamp)
+        capture = load_capture(path, stamp=stamp)
         np.testing.assert_allclose(capture.depth[valid], SEEN.depth[valid] + moved, atol=1e-6)
         assert capture.intrinsics[0, 0] == SEEN.intrinsics[0, 0] + round(moved * 10)
     for stamp in (90.0, 104.0, float("nan")):
         with pytest.raises(CaptureError, match="stamp"):
-            Capture.load(path, stamp=stamp)
+            load_capture(path, stamp=stamp)
 
 
 def test_bag_gives_the_topic_asked_for(tmp_path, bag_kind):
@@ -233,18 +234,18 @@ def test_bag_gives_the_topic_asked_for(tmp_path, bag_kind):
     maker.cloud("/points", 103.0, SEEN.points, rgb=SEEN.rgb, padding=4)
     maker.cloud("/robot/points", 103.1, SEEN.points.reshape(1, -1, 3), frame_id="base_link")
     path = maker.write(tmp_path)
-    cloud = Capture.load(path, topic="/points")
+    cloud = load_capture(path, topic="/points")
     same(cloud, Capture.from_cloud(SEEN.points, colors=SEEN.rgb), "points", "colors")
     assert cloud.notes == () and cloud.shape == (HEIGHT, WIDTH)
-    loose = Capture.load(path, topic="/robot/points")
+    loose = load_capture(path, topic="/robot/points")
     same(loose, Capture.from_cloud(SEEN.points.reshape(-1, 3)), "points")
     assert "'base_link'" in loose.notes[0]
-    base = Capture.load(path, topic="/robot/points", cloud_frame="base")
+    base = load_capture(path, topic="/robot/points", cloud_frame="base")
     assert base.notes == () and not base.has_camera
     with pytest.raises(CaptureError, match="/nowhere.*valid: .*/camera/depth/image_raw"):
-        Capture.load(path, topic="/nowhere")
+        load_capture(path, topic="/nowhere")
     with pytest.raises(CaptureError, match="rgb8.*valid: 16UC1"):
-        Capture.load(path, topic="/camera/color/image_raw")
+        load_capture(path, topic="/camera/color/image_raw")
 
 
 def test_bag_reads_metres_big_endian_and_compressed_depth(tmp_path, bag_kind):
@@ -258,9 +259,9 @@ def test_bag_reads_metres_big_endian_and_compressed_depth(tmp_path, bag_kind):
     maker.image("/big", 1.0, millimetres, "16UC1", big=True)
     maker.compressed_depth("/packed/compressedDepth", 1.0, millimetres)
     path = maker.write(tmp_path)
-    same(Capture.load(path, topic="/metres"), whole(), "depth")
+    same(load_capture(path, topic="/metres"), whole(), "depth")
     for topic in ("/big", "/packed/compressedDepth"):
-        np.testing.assert_allclose(Capture.load(path, topic=topic).depth, SEEN.depth, atol=1e-7)
+        np.testing.assert_allclose(load_capture(path, topic=topic).depth, SEEN.depth, atol=1e-7)
 
 
 def test_bag_refuses_distortion_but_takes_a_rectified_topic(tmp_path, bag_kind):
@@ -271,9 +272,9 @@ def test_bag_refuses_distortion_but_takes_a_rectified_topic(tmp_path, bag_kind):
     maker.image("/d/image_raw", 1.0, SEEN.depth, "32FC1")
     (tmp_path / "raw").mkdir()
     with pytest.raises(CaptureError, match="distortion.*rectified"):
-        Capture.load(maker.write(tmp_path / "raw"))
+        load_capture(maker.write(tmp_path / "raw"))
     maker.image("/d/image_rect_raw", 2.0, SEEN.depth, "32FC1")
-    capture = Capture.load(maker.write(tmp_path))
+    capture = load_capture(maker.write(tmp_path))
     same(capture, whole(), "depth", "intrinsics")
 
 
@@ -285,12 +286,12 @@ def test_bag_takes_a_camera_info_told_once_and_no_far_colour(tmp_path, bag_kind)
     maker.image("/color", 99.0, SEEN.rgb, "bgr8")
     maker.image("/other", 100.0, SEEN.rgb, "rgb8", frame_id="color_optical_frame")
     maker.image("/depth", 100.0, SEEN.depth, "32FC1")
-    capture = Capture.load(maker.write(tmp_path))
+    capture = load_capture(maker.write(tmp_path))
     same(capture, whole(), "depth", "intrinsics")
     assert capture.rgb is None
     (tmp_path / "near").mkdir()
     maker.image("/color", 100.05, SEEN.rgb[..., ::-1], "bgr8")
-    same(Capture.load(maker.write(tmp_path / "near")), whole(), "rgb")
+    same(load_capture(maker.write(tmp_path / "near")), whole(), "rgb")
 
 
 def test_bag_says_what_is_missing(tmp_path, bag_kind):
@@ -306,7 +307,7 @@ def test_bag_says_what_is_missing(tmp_path, bag_kind):
     for i, (message, maker) in enumerate(cases.items()):
         (tmp_path / str(i)).mkdir()
         with pytest.raises(CaptureError, match=message):
-            Capture.load(maker.write(tmp_path / str(i)))
+            load_capture(maker.write(tmp_path / str(i)))
 
 
 def test_bag_without_rosbags_names_the_extra(tmp_path, monkeypatch):
@@ -315,7 +316,7 @@ def test_bag_without_rosbags_names_the_extra(tmp_path, monkeypatch):
     with pytest.raises(
         MissingExtraError, match=r"view.bag: .* rosbags; .* pip install 'boxgrasp\[io\]'"
     ):
-        Capture.load(tmp_path / "view.bag")
+        load_capture(tmp_path / "view.bag")
 
 
 @pytest.mark.parametrize("bag_kind", ["ros1", "db3"], indirect=True)
@@ -327,25 +328,25 @@ def test_a_bags_own_definitions_are_not_used(tmp_path, bag_kind):
     data = path.read_bytes()
     assert b"string encoding" in data
     path.write_bytes(data.replace(b"string encoding", b"import encoding"))
-    np.testing.assert_allclose(Capture.load(path).depth, SEEN.depth, atol=1e-7)
+    np.testing.assert_allclose(load_capture(path).depth, SEEN.depth, atol=1e-7)
 
 
 def test_real_captures_load(captures_dir):
     for name in sorted(p.name for p in captures_dir.iterdir() if p.is_dir()):
-        capture = Capture.load(captures_dir / name)
+        capture = load_capture(captures_dir / name)
         points, _ = capture.valid_points()
         assert len(points) > 20_000 and np.isfinite(points).all(), name
-    assert Capture.load(captures_dir / "6dofgn_cheezit").mask.sum() > 1000
-    haf = Capture.load(captures_dir / "haf_table1" / "cloud.pcd", cloud_frame="base")
+    assert load_capture(captures_dir / "6dofgn_cheezit").mask.sum() > 1000
+    haf = load_capture(captures_dir / "haf_table1" / "cloud.pcd", cloud_frame="base")
     assert len(haf.points) == 102_876 and not haf.has_camera and haf.colors is None
-    indus = Capture.load(captures_dir / "indus_table" / "cloud.ply", cloud_frame="base")
+    indus = load_capture(captures_dir / "indus_table" / "cloud.ply", cloud_frame="base")
     assert len(indus.points) == 23_239 and indus.colors.std() > 1
 
 
 def test_simulated_captures_load(captures_dir):
     for i in (1, 2, 3):
         path = captures_dir / f"simulated_{i}.npz"
-        capture = Capture.load(path)
+        capture = load_capture(path)
         with np.load(path) as arrays:
             assert len(capture.valid_points()[0]) == np.count_nonzero(
                 (arrays["depth"] > 0) & (arrays["depth"] <= 65.535)
@@ -358,7 +359,7 @@ def test_simulated_captures_load(captures_dir):
 def test_readers_import_only_what_the_format_needs(tmp_path):
     path = write_npz(tmp_path / "view.npz", SEEN)
     code = (
-        "import sys; from boxgrasp.sensing.capture import Capture; Capture.load(sys.argv[1]);"
+        "import sys; from boxgrasp.sensing.capture import Capture; load_capture(sys.argv[1]);"
         "heavy = {'rosbags', 'pypcd4', 'PIL', 'pydantic', 'scipy'} & set(sys.modules);"
         "sys.exit(str(heavy) if heavy else 0)"
     )

@@ -24,10 +24,10 @@ import onnx
 from sklearn.svm import SVC
 
 from boxgrasp.errors import BoxgraspError, ModelError
-from boxgrasp.learn.export import to_onnx
 from boxgrasp.ranking.features import FeatureSchema
 from boxgrasp.ranking.onnx.model import DIGEST_KEY, RECORD_KEY, cascaded, digest, load_model, ranked
 from boxgrasp.ranking.onnx.record import FORMAT, Record, check_fits, from_json, to_json
+from boxgrasp.teaching.export import to_onnx
 
 
 def names_of(width: int) -> FeatureSchema:

@@ -11,8 +11,8 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.grasps.candidates import TOP_PARALLEL, options_of
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.label import Shown
-from boxgrasp.label.operator import StandIn
+from boxgrasp.teaching.operators import Shown
+from boxgrasp.teaching.stand_in import StandIn
 
 STEADY = StandIn(eye_m=0.0, mood_m=0.0)
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from boxgrasp.errors import MissingExtraError
-from boxgrasp.evaluate import plots
-from boxgrasp.evaluate.intervals import Estimate, mean, share
-from boxgrasp.evaluate.report import Row
-from boxgrasp.evaluate.worth import SHAPES
 from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 from boxgrasp.ranking import sampling
+from boxgrasp.study import plots
+from boxgrasp.study.intervals import Estimate, mean, share
+from boxgrasp.study.metrics import SHAPES
+from boxgrasp.study.report import Row
 
 NAMES = ("single-grid", "<cascade> & $grid$")
 GRID = {

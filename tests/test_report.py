@@ -10,19 +10,10 @@ import numpy as np
 import pytest
 
 from boxgrasp.errors import MissingExtraError, StoreError
-from boxgrasp.evaluate.intervals import Estimate, mean, share
-from boxgrasp.evaluate.report import (
-    Claim,
-    Picture,
-    Report,
-    Row,
-    Section,
-    Table,
-    read,
-    to_json,
-)
-from boxgrasp.evaluate.report_pages import cell, markdown, row_cells, theirs, write
-from boxgrasp.evaluate.report_pages import html as page
+from boxgrasp.study.intervals import Estimate, mean, share
+from boxgrasp.study.report import Claim, Picture, Report, Row, Section, Table, read, to_json
+from boxgrasp.study.report_pages import cell, markdown, row_cells, theirs, write
+from boxgrasp.study.report_pages import html as page
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="4" height="4"><circle r="2"/></svg>'
 PNG = bytes.fromhex(

@@ -11,11 +11,17 @@ import pytest
 pytest.importorskip("pyarrow", reason="extra train")
 pytest.importorskip("onnx", reason="extra train")
 
+from boxgrasp import load_capture
 from boxgrasp.errors import ConfigError
-from boxgrasp.label import Label
-from boxgrasp.learn.matrices import largest_edge_m, line_matrix, single_matrix
-from boxgrasp.learn.rows import CELLS_M, NUMBERS, RowConfig, row_of, scenario_of_row, selector
-from boxgrasp.learn.sets import (
+from boxgrasp.execution import Store, local_workers
+from boxgrasp.perception.target import Target
+from boxgrasp.ranking import features
+from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
+from boxgrasp.simulate.scenario import Recipe, targets_of
+from boxgrasp.teaching.matrices import largest_edge_m, line_matrix, single_matrix
+from boxgrasp.teaching.operators import Label
+from boxgrasp.teaching.rows import CELLS_M, NUMBERS, RowConfig, row_of, scenario_of_row, selector
+from boxgrasp.teaching.sets import (
     SetConfig,
     capture_bytes,
     from_parquet,
@@ -24,12 +30,7 @@ from boxgrasp.learn.sets import (
     part,
     read_set,
     to_parquet,
-)  # fmt: skip
-from boxgrasp.perception.target import Target
-from boxgrasp.ranking import features
-from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
-from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.work import Store, local_workers
+)
 
 CONFIG = RowConfig(Recipe(targets_of("all")), 11)
 
@@ -141,11 +142,10 @@ def test_nothing_there_is_said(tmp_path: Path) -> None:
 
 
 def test_a_kept_capture_is_the_one_that_was_seen(tmp_path: Path) -> None:
-    from boxgrasp import Capture
 
     path = tmp_path / "capture.npz"
     path.write_bytes(capture_bytes((CONFIG, 4)))
-    kept = Capture.load(path)
+    kept = load_capture(path)
     fresh, labels = scenario_of_row(CONFIG, 4).capture("xtion")
     assert np.array_equal(kept.depth, fresh.depth)
     assert kept.target_pixel == fresh.target_pixel

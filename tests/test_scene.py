@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from boxgrasp import Capture, GraspSelector
+from boxgrasp import Capture, GraspSelector, load_capture
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.perception.box_fit import BoxConfig, fit_box
@@ -117,7 +117,7 @@ def test_plane_of_real_captures(captures_dir: Path, name: str) -> None:
     if not folder.is_dir():
         pytest.skip(f"no capture {folder}")
     reference = json.loads((folder / "reference.json").read_text())
-    found = find_scene(Capture.load(folder), (), SceneConfig(near_m=0.2, far_m=2.5))
+    found = find_scene(load_capture(folder), (), SceneConfig(near_m=0.2, far_m=2.5))
     assert found.T_base_camera is not None
     plane = found.plane.moved(invert(found.T_base_camera))
     assert angle_deg(plane.normal, reference["table_normal_camera"]) < 1.5

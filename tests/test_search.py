@@ -17,7 +17,7 @@ from sklearn.multiclass import OneVsRestClassifier
 from sklearn.svm import SVC
 
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.learn.search import (
+from boxgrasp.teaching.search import (
     AS_GOOD,
     COARSE_C,
     COARSE_GAMMA,

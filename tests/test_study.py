@@ -23,18 +23,18 @@ pytest.importorskip("jinja2", reason="extra train")
 import tiny_study
 from cluster import cluster
 
-import boxgrasp.evaluate.study as study
-import boxgrasp.learn.sets as sets
-from boxgrasp import Capture, __version__
+import boxgrasp.study.study as study
+import boxgrasp.teaching.sets as sets
+from boxgrasp import __version__, load_capture
 from boxgrasp.cli import main
-from boxgrasp.evaluate.sections.captures import captures_section
-from boxgrasp.learn.eight import EIGHT
-from boxgrasp.learn.rows import scenario_of_row
-from boxgrasp.learn.sets import read_set
+from boxgrasp.execution import Store
 from boxgrasp.ranking.onnx.model import SHIPPED
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
-from boxgrasp.work import Store
+from boxgrasp.study.sections.captures import captures_section
+from boxgrasp.teaching.rows import scenario_of_row
+from boxgrasp.teaching.sets import read_set
+from boxgrasp.teaching.train import EIGHT
 
 SEED = 1
 REPRODUCE = [
@@ -92,7 +92,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, too, `--small` is the tiny scale."""
     monkeypatch.setattr(study, "SMALL", tiny_study.TINY)
     monkeypatch.setattr(sets, "PART_ROWS", tiny_study.PART_ROWS)
-    monkeypatch.setattr("boxgrasp.work._dask._REACH_S", 1)
+    monkeypatch.setattr("boxgrasp.execution._dask._REACH_S", 1)
 
 
 def one_line(capsys: pytest.CaptureFixture[str]) -> str:
@@ -290,7 +290,7 @@ def test_simulate_to_a_url_and_again(tmp_path: Path, capsys) -> None:
     config, rows = read_set(Store(url))
     assert (config.rows.seed, rows.count) == (5, 3)
     for number in range(3):
-        kept = Capture.load(folder / f"capture-{number:06d}.npz")
+        kept = load_capture(folder / f"capture-{number:06d}.npz")
         fresh, _ = scenario_of_row(config.rows, number).capture("xtion")
         assert np.array_equal(kept.depth, fresh.depth)
         assert np.array_equal(kept.T_base_camera, fresh.T_base_camera)

@@ -24,14 +24,14 @@ import work_tasks
 from cluster import Cluster, cluster
 
 from boxgrasp.errors import MissingExtraError, StoreError, WorkError
-from boxgrasp.work import Store, Workers, cluster_workers, finish, local_workers, workers_for
+from boxgrasp.execution import Store, Workers, cluster_workers, finish, local_workers, workers_for
 
-progressing = importlib.import_module("boxgrasp.work.progress")
+progressing = importlib.import_module("boxgrasp.execution.progress")
 FINISH = """
 import sys
 sys.path.insert(0, {tests!r})
 import work_tasks
-from boxgrasp.work import Store, finish, local_workers
+from boxgrasp.execution import Store, finish, local_workers
 if __name__ == "__main__":
     tasks = {{f"part/{{i:02}}": ({marks!r}, f"{{i:02}}") for i in range({count})}}
     try:
@@ -109,7 +109,7 @@ def test_killed_between_write_and_replace(before: bytes | None, tmp_path: Path) 
     code = f"""
 import os, signal
 os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-from boxgrasp.work import Store
+from boxgrasp.execution import Store
 Store({str(tmp_path)!r}).write("a", b"new")
 """
     assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
@@ -226,7 +226,7 @@ def test_task_that_always_kills_its_worker_is_told() -> None:
 def test_script_without_a_guard_is_told(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
-        "from boxgrasp.work import local_workers\n"
+        "from boxgrasp.execution import local_workers\n"
         "with local_workers(2) as workers:\n"
         "    list(workers.run(abs, [1]))\n"
     )
@@ -276,7 +276,7 @@ def test_who_works_is_said_clearly() -> None:
 
 @pytest.mark.parametrize("address", ["here", "", "tcp://127.0.0.1:1", "nope://127.0.0.1:1"])
 def test_no_scheduler_is_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("boxgrasp.work._dask._REACH_S", 1)
+    monkeypatch.setattr("boxgrasp.execution._dask._REACH_S", 1)
     with pytest.raises(WorkError, match=f"^no Dask scheduler at {address}: .") as told:
         cluster_workers(address).__enter__()
     assert "\n" not in str(told.value)
@@ -356,7 +356,7 @@ def test_finished_store_runs_nothing(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_killed_dask_worker_costs_no_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("boxgrasp.work._dask._REACH_S", 2)  # for the lost scheduler at the end
+    monkeypatch.setattr("boxgrasp.execution._dask._REACH_S", 2)  # for the lost scheduler at the end
     marks, out = tmp_path / "marks", tmp_path / "out"
     marks.mkdir()
     tasks = {f"{i:02}": (str(marks), f"{i:02}") for i in range(16)}

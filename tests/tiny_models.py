@@ -59,7 +59,7 @@ def schema_of(version: str, part: str) -> FeatureSchema:
 @cache
 def trained(version: str, part: str, lines: int = 3, seed: int = 0) -> tuple[Any, Record]:
     """An SVC and its record. The last class is never seen in training."""
-    from boxgrasp.learn.search import train
+    from boxgrasp.teaching.search import train
 
     r = np.random.default_rng([seed, len(version), len(part), lines])
     schema = schema_of(version, part)
@@ -77,7 +77,7 @@ def parts_of(version: str) -> tuple[str, ...]:
 
 def write_models(folder: Path, lines: int = 3, seed: int = 0) -> Path:
     """All eight in a folder."""
-    from boxgrasp.learn.export import to_onnx
+    from boxgrasp.teaching.export import to_onnx
 
     for version in VERSIONS:
         for part in parts_of(version):

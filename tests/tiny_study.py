@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
-import boxgrasp.evaluate.study as study
-import boxgrasp.learn.sets as sets
+import boxgrasp.study.study as study
+import boxgrasp.teaching.sets as sets
 
 TINY = study.Scale(
     labels=40, tested=12, first=8, need=1, central=1, real=2, ad_hoc=1, runs=2, fused=2

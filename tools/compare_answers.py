@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib
 import json
 import os
 import subprocess
@@ -134,13 +135,9 @@ def answers(args: argparse.Namespace) -> None:
     from boxgrasp import GraspSelector, Target
     from boxgrasp.simulate import draw_scene, to_capture
 
-    try:
-        from boxgrasp import load_capture
-    except ImportError:
-        from boxgrasp import Capture
-
-        load_capture = Capture.load
-    old = not hasattr(__import__("boxgrasp"), "load_capture")
+    package: Any = importlib.import_module("boxgrasp")
+    old = not hasattr(package, "load_capture")
+    load_capture = package.Capture.load if old else package.load_capture
     selectors: dict[str, Any] = {}
 
     def selector_of(**config: Any) -> Any:

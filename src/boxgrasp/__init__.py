@@ -5,16 +5,17 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from boxgrasp.version import __version__
+
 if TYPE_CHECKING:
     from boxgrasp.config import Config, load_config
     from boxgrasp.errors import BoxgraspError
     from boxgrasp.grasps.gripper import Gripper
+    from boxgrasp.io.load import load_capture
     from boxgrasp.perception.target import Target
     from boxgrasp.result import Selection
     from boxgrasp.selector import GraspSelector
     from boxgrasp.sensing.capture import Capture
-
-__version__ = "0.1.0"
 
 __all__ = [
     "BoxgraspError",
@@ -25,6 +26,7 @@ __all__ = [
     "Selection",
     "Target",
     "__version__",
+    "load_capture",
     "load_config",
 ]
 
@@ -36,6 +38,7 @@ _HOMES = {
     "Gripper": "grasps.gripper",
     "Selection": "result",
     "Target": "perception.target",
+    "load_capture": "io.load",
     "load_config": "config",
 }
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp import __version__
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
@@ -28,6 +27,7 @@ from boxgrasp.perception.truncation import Visibility, look
 from boxgrasp.ranking.ranker import Preference, Setup, Situation, chooser_named
 from boxgrasp.result import BoxReport, OptionReport, Selection
 from boxgrasp.sensing.capture import Capture
+from boxgrasp.version import __version__
 
 _DENSE = 150_000
 

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
-from boxgrasp import __version__
+from boxgrasp.version import __version__
 
 COMMANDS = {
     "select": "choose a grasp for each capture, or ask for help",

@@ -129,10 +129,12 @@ def plain_config(config: Any) -> dict[str, Any]:
 
 def load_capture(path: str, args: argparse.Namespace) -> Capture:
     """The capture at a path, read as the options say."""
-    from boxgrasp.sensing.capture import Capture
+    from boxgrasp import io
 
     start = time.perf_counter()
-    capture = Capture.load(path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp)
+    capture = io.load_capture(
+        path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp
+    )
     _log.info("%s: read in %.1f ms", path, 1e3 * (time.perf_counter() - start))
     return _without_robot(capture, read_mask(args.robot_mask)) if args.robot_mask else capture
 

@@ -25,13 +25,13 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate."""
     import json
 
-    from boxgrasp.evaluate.choices import VERSIONS, Board, brain_of
-    from boxgrasp.evaluate.report_pages import cell
-    from boxgrasp.evaluate.sections.choosers import COLUMNS, chooser_table
-    from boxgrasp.learn.sets import read_set
+    from boxgrasp.execution import Store
     from boxgrasp.ranking.onnx.model import SHIPPED
     from boxgrasp.strict import plain
-    from boxgrasp.work import Store
+    from boxgrasp.study.evaluation import VERSIONS, Board, brain_of
+    from boxgrasp.study.report_pages import cell
+    from boxgrasp.study.sections.rankers import COLUMNS, chooser_table
+    from boxgrasp.teaching.sets import read_set
 
     _, rows = read_set(Store(args.set))
     models = Store(args.models or SHIPPED)

@@ -31,9 +31,9 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from boxgrasp.cli import complain
-    from boxgrasp.evaluate.reproduce import reproduce
-    from boxgrasp.evaluate.study import SMALL, Scale, Study
-    from boxgrasp.work import Store, workers_for
+    from boxgrasp.execution import Store, workers_for
+    from boxgrasp.study.reproduce import reproduce
+    from boxgrasp.study.study import SMALL, Scale, Study
 
     captures = Path(args.captures) if args.captures else None
     if captures is not None and not captures.is_dir():

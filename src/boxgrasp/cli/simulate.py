@@ -45,10 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Cast the set."""
-    from boxgrasp.learn.rows import RowConfig
-    from boxgrasp.learn.sets import SetConfig, keep_captures, make_set, read_set
+    from boxgrasp.execution import Store, workers_for
     from boxgrasp.simulate.scenario import Recipe, targets_of
-    from boxgrasp.work import Store, workers_for
+    from boxgrasp.teaching.rows import RowConfig
+    from boxgrasp.teaching.sets import SetConfig, keep_captures, make_set, read_set
 
     objects = args.objects or ("real" if args.set == "real" else "simulated")
     recipe = Recipe(

@@ -21,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train, and print a table like the thesis's B-1."""
-    from boxgrasp.learn.eight import train_eight
-    from boxgrasp.learn.sets import read_set
-    from boxgrasp.work import Store, workers_for
+    from boxgrasp.execution import Store, workers_for
+    from boxgrasp.teaching.sets import read_set
+    from boxgrasp.teaching.train import train_eight
 
     store = Store(args.out)
     with workers_for(args.processes, args.cluster) as workers:

@@ -1,4 +1,4 @@
-"""Readers: files to captures. An outer room; the core never imports it but in `Capture.load`."""
+"""Readers and writers of files; `load_capture` reads every kind of capture."""
 
 from __future__ import annotations
 

@@ -1,12 +1,11 @@
 """One view by a depth camera, validated once, so that no later step meets a NaN or a stray shape.
 
-Depth images and clouds, organised or not. No files here: `Capture.load` imports the readers.
+Depth images and clouds, organised or not. Files are read by `boxgrasp.io.load_capture`.
 """
 
 from __future__ import annotations
 
 import copy
-import os
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -143,26 +142,6 @@ class Capture:
             notes=notes,
         )
         return capture
-
-    @staticmethod
-    def load(
-        path: str | os.PathLike[str],
-        *,
-        cloud_frame: CloudFrame = "optical",
-        topic: str | None = None,
-        stamp: float | None = None,
-    ) -> Capture:
-        """Read a .npz, a folder, a .pcd or .ply cloud, or a message of a ROS bag or MCAP file.
-
-        `topic` and `stamp` (s) choose the message of a bag: the one nearest to that time.
-
-        Raises:
-            CaptureError: the file is missing, unreadable, or no usable view; names the path.
-            MissingExtraError: a bag, without the extra `io`.
-        """
-        from boxgrasp.io import load_capture  # the core's one late import of an outer room
-
-        return load_capture(path, cloud_frame=cloud_frame, topic=topic, stamp=stamp)
 
     @property
     def shape(self) -> tuple[int, int] | None:

@@ -1,6 +1,6 @@
 """What an ONNX file holds, told from its bytes before any library is let near it.
 
-Only what `boxgrasp.learn.export` writes passes: plain arithmetic on numbers inside the file. No
+Only what `boxgrasp.teaching.export` writes passes: plain arithmetic on numbers inside the file. No
 file beside it is opened, no custom operator, function, loop or branch is accepted.
 """
 

@@ -1,0 +1,202 @@
+"""The report as a value: the thesis's figures beside ours; kept as HTML, Markdown and JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, Protocol
+
+import msgspec
+
+from boxgrasp.errors import StoreError
+from boxgrasp.study.intervals import Estimate
+
+SCHEMA: Final = 1
+STAND_IN: Final = (
+    "Wherever this report says operator, it is a stand-in, not a human: a rule with habits. "
+    "Wherever it says real world, it is a stand-in, not a robot: simulated scenes, strong noise."
+)
+Cell = Estimate | int | float | str | None
+Verdict = Literal["reproduced", "not reproduced", "different"]
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: the thesis's number or words (None: it has none), ours, and what to add."""
+
+    name: str
+    thesis: float | int | str | None
+    ours: Cell
+    note: str = ""
+
+    @property
+    def aside(self) -> Literal["", "within", "higher", "lower"]:
+        """Where the thesis's number lies of our interval; empty where either is missing."""
+        if not isinstance(self.ours, Estimate) or isinstance(self.thesis, str | None):
+            return ""
+        low, high = self.ours.low, self.ours.high
+        if low is None or high is None:
+            return ""
+        if low <= self.thesis <= high:
+            return "within"
+        return "higher" if self.thesis > high else "lower"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; each of its rows has a cell for each column."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(
+                    f"a row of table {self.title!r} has {len(row)} cells; "
+                    f"valid: {len(self.columns)}, one a column"
+                )
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture, SVG or PNG; `name` is its file's, `alt` says what it shows to who cannot see."""
+
+    name: str
+    caption: str
+    svg: str | None = None
+    png: bytes | None = None
+    alt: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.svg is None) == (self.png is None):
+            raise ValueError(f"picture {self.name!r}: valid: an SVG or a PNG, one of them")
+        _check_name("picture", self.name)
+
+    @property
+    def file(self) -> str:
+        """Where the picture lies beside the Markdown page."""
+        return f"pictures/{self.name}.{'svg' if self.png is None else 'png'}"
+
+    @property
+    def data(self) -> bytes:
+        """The file's bytes."""
+        return (self.svg or "").encode() if self.png is None else self.png
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of the report; `place` is where the thesis has it, `words` are paragraphs."""
+
+    key: str
+    title: str
+    place: str = ""
+    words: tuple[str, ...] = ()
+    rows: tuple[Row, ...] = ()
+    tables: tuple[Table, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_name("section", self.key)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the thesis says, where, whether it came out here, and why as far as can be seen."""
+
+    text: str
+    place: str
+    verdict: Verdict
+    reason: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """The whole report; `made_with` says by what it can be made again (seed, versions, counts)."""
+
+    title: str
+    made_with: Mapping[str, str] = field(default_factory=dict)
+    sections: tuple[Section, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    notice: str = STAND_IN
+
+    def __post_init__(self) -> None:
+        _check_once("section", [section.key for section in self.sections])
+        _check_once("picture", [picture.name for picture in self.pictures()])
+
+    def pictures(self) -> Iterator[Picture]:
+        """Every picture, in order."""
+        for section in self.sections:
+            yield from section.pictures
+
+    def rows(self) -> Iterator[Row]:
+        """Every row, in order."""
+        for section in self.sections:
+            yield from section.rows
+
+
+class Reads(Protocol):
+    """A place that keeps named bytes."""
+
+    def read(self, name: str) -> bytes:
+        """What is kept under the name."""
+
+
+def to_json(report: Report) -> bytes:
+    """The report as JSON: all its figures; of the pictures their files' names. NaN is null."""
+    found = msgspec.json.decode(msgspec.json.encode(report, enc_hook=_plain))
+    for section in found["sections"]:
+        for picture in section["pictures"]:
+            kind = "svg" if picture["png"] is None else "png"
+            picture["file"] = f"pictures/{picture['name']}.{kind}"
+            del picture["svg"], picture["png"]
+    found = {"schema": SCHEMA, **found}
+    return (json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def read(store: Reads) -> Report:
+    """The report that `write` kept at a place.
+
+    Raises:
+        StoreError: what is kept there is no report.
+    """
+    try:
+        found = json.loads(store.read("report.json"))
+        if found.pop("schema") != SCHEMA:
+            raise ValueError(f"another schema than {SCHEMA}")
+        for section in found["sections"]:
+            section["pictures"] = [_picture(item, store) for item in section["pictures"]]
+        return msgspec.convert(found, Report)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        what = " ".join(str(error).split()) or type(error).__name__
+        raise StoreError(f"report.json is no report: {what}; valid: one of `write`") from None
+
+
+def _plain(value: Any) -> Any:
+    """numpy's numbers as Python's."""
+    return value.item()
+
+
+def _picture(item: dict[str, Any], store: Reads) -> Picture:
+    file = str(item.pop("file"))
+    _check_name("picture", item["name"])
+    if file == f"pictures/{item['name']}.svg":
+        return Picture(svg=store.read(file).decode(), **item)
+    if file == f"pictures/{item['name']}.png":
+        return Picture(png=store.read(file), **item)
+    raise ValueError(f"picture {item['name']!r} is in {file!r}")
+
+
+def _check_name(what: str, name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"name of a {what} is {name!r}; valid: letters, digits, . _ - in it")
+
+
+def _check_once(what: str, names: list[str]) -> None:
+    twice = [name for k, name in enumerate(names) if name in names[:k]]
+    if twice:
+        raise ValueError(f"{what} {twice[0]!r} is there twice; valid: each name once")

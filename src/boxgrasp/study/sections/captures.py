@@ -1,0 +1,176 @@
+"""Real depth captures with their noise resampled: decisions that change, and pictures (5-2-4)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from boxgrasp.draw import draw_selection
+from boxgrasp.errors import BoxgraspError
+from boxgrasp.io import load_capture
+from boxgrasp.perception.target import Target
+from boxgrasp.selector import GraspSelector
+from boxgrasp.sensing.capture import Capture
+from boxgrasp.simulate.noise import NoiseModel, axial_sigma
+from boxgrasp.study.report import Picture, Row, Section, Table
+from boxgrasp.study.sections.need import CASCADE
+from boxgrasp.study.study import Study
+from boxgrasp.teaching.train import EIGHT
+
+MOST_TARGETS = 4
+PICTURE_PX = 1100
+
+
+def captures_section(study: Study, folder: Path) -> Section:
+    """Every depth capture of a folder, decided by the study's cascade grid."""
+    paths = sorted(
+        p for p in folder.iterdir() if p.is_dir() or p.suffix in (".npz", ".pcd", ".ply")
+    )
+    lines, pictures, skipped = [], [], []
+    changed = {"bare": 0, "checked": 0}
+    for path in paths:
+        key = f"{re.sub('[^A-Za-z0-9._-]', '-', path.stem)}-{_digest(path)}"
+        name = f"captures/{key}"
+        if not study.store.exists(f"{name}.json"):
+            picture, found = _judge(path, _selectors(study), study.scale.runs, study.seed)
+            if picture:
+                study.store.write(f"{name}.png", picture)
+            study.store.write(f"{name}.json", json.dumps(found).encode())
+        found = json.loads(study.store.read(f"{name}.json"))
+        if "skipped" in found:
+            skipped.append(f"{path.stem}: {found['skipped']}")
+            continue
+        for item in found["targets"]:
+            lines.append((path.stem, item["target"], item["bare"], item["checked"]))
+            for kind in changed:
+                changed[kind] += item[f"{kind}_changes"]
+        pictures.append(
+            Picture(
+                f"capture-{key}",
+                f"{path.stem}: cascade grid, checked, {found['targets'][0]['target']}.",
+                png=study.store.read(f"{name}.png"),
+                alt=f"Chosen grasp on the real capture {path.stem}",
+            )
+        )
+    return Section(
+        key="captures",
+        title="Real captures, their noise resampled",
+        place="section 5-2-4",
+        words=(
+            "Real depth images; to each, axial noise of such a sensor is added anew ten times. "
+            "Nobody measured the truth of these scenes, so decisions are counted, not scored.",
+            *(f"Left out: {'; '.join(skipped)}." for _ in range(bool(skipped))),
+        ),
+        rows=tuple(
+            Row(
+                f"targets whose decision changes, cascade grid, {kind}",
+                "2 of 42" if kind == "bare" else None,
+                f"{count} of {len(lines)}",
+            )
+            for kind, count in changed.items()
+        ),
+        tables=(
+            Table("Decisions in ten runs", ("capture", "target", "bare", "checked"), tuple(lines)),
+        ),
+        pictures=tuple(pictures),
+    )
+
+
+def _selectors(study: Study) -> tuple[GraspSelector, GraspSelector]:
+    """Cascade grid, bare and checked, with the study's models; a URL's are copied here first."""
+    with tempfile.TemporaryDirectory() as folder:
+        for svm in EIGHT:
+            name = f"{svm.name}.onnx"
+            (Path(folder) / name).write_bytes(study.store.read(f"models/{name}"))
+        config = {"chooser": CASCADE, "models": folder}
+        return GraspSelector({**config, "unchecked": True}), GraspSelector(config)
+
+
+def _judge(
+    path: Path, selectors: tuple[GraspSelector, GraspSelector], runs: int, seed: int
+) -> tuple[bytes | None, dict[str, object]]:
+    try:
+        capture = load_capture(path)
+        if capture.depth is None:
+            return None, {"skipped": "a cloud, without an image's noise"}
+        targets = _targets(capture, selectors[1])
+        if not targets:
+            return None, {"skipped": "no target"}
+        items = [_decisions(capture, target, selectors, runs, seed) for target in targets]
+        picture = _picture(capture, selectors[1], targets[0])
+    except BoxgraspError as error:
+        return None, {"skipped": str(error)}
+    return picture, {"targets": items}
+
+
+def _digest(path: Path) -> str:
+    """Eight hexadecimal digits of what is in a file, or in the files of a folder."""
+    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    found = hashlib.sha256()
+    for file in files:
+        found.update(file.name.encode() + file.read_bytes())
+    return found.hexdigest()[:8]
+
+
+def _targets(capture: Capture, selector: GraspSelector) -> list[Target | None]:
+    if capture.mask is not None or capture.target_pixel is not None:
+        return [None]
+    pixels = [item.pixel for item in selector.objects(capture)[:MOST_TARGETS]]
+    return [Target(pixel=pixel) for pixel in pixels if pixel is not None]
+
+
+def _decisions(
+    capture: Capture,
+    target: Target | None,
+    selectors: tuple[GraspSelector, GraspSelector],
+    runs: int,
+    seed: int,
+) -> dict[str, object]:
+    item: dict[str, object] = {
+        "target": "its own target" if target is None else f"pixel {target.pixel}"
+    }
+    for kind, selector in zip(("bare", "checked"), selectors, strict=True):
+        said: Counter[str] = Counter()
+        for run in range(runs):
+            try:
+                selection = selector.select(_again(capture, seed, run), target)
+                said["asks" if selection.label is None else f"option {selection.label}"] += 1
+            except BoxgraspError:
+                said["no target found"] += 1
+        item[kind] = "; ".join(f"{name} ({count})" for name, count in said.most_common())
+        item[f"{kind}_changes"] = int(len(said) > 1)
+    return item
+
+
+def _again(capture: Capture, seed: int, run: int) -> Capture:
+    """The capture with axial noise added anew; what is missing stays missing."""
+    assert capture.depth is not None
+    rng = np.random.default_rng((seed, run))
+    draws = rng.standard_normal(capture.depth.shape, dtype=np.float32)
+    noisy = capture.depth + draws * axial_sigma(capture.depth, NoiseModel())
+    return Capture(
+        np.where(capture.depth > 0, np.maximum(noisy, 1e-3), 0.0).astype(np.float32),
+        capture.intrinsics,
+        capture.T_base_camera,
+        capture.rgb,
+        capture.mask,
+        target_pixel=capture.target_pixel,
+    )
+
+
+def _picture(capture: Capture, selector: GraspSelector, target: Target | None) -> bytes:
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "answer.png"
+        draw_selection(capture, selector.select(capture, target), place)
+        with Image.open(place) as image:
+            image.thumbnail((PICTURE_PX, PICTURE_PX))
+            image.convert("RGB").quantize(128).save(place, optimize=True)
+        return place.read_bytes()

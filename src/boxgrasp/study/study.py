@@ -1,0 +1,148 @@
+"""The thesis's study: which sets are cast, which SVMs are trained, and where each is kept.
+
+Sets of different scenes have streams of their own, `seed * 1000 + k`: none tests on what it
+learned from. Variants of a set (noise, runs, lines) show the same scenes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from boxgrasp.errors import ConfigError
+from boxgrasp.execution import Store, Workers
+from boxgrasp.simulate.scenario import Recipe, targets_of
+from boxgrasp.study.evaluation import VERSIONS, Board, Brain, brain_of
+from boxgrasp.teaching.rows import RowConfig
+from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
+from boxgrasp.teaching.train import EIGHT, train_eight
+
+STREAMS = 1000
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much is cast; the defaults are the thesis's counts and the larger ones beside them."""
+
+    labels: int = 800
+    tested: int = 2000
+    first: int = 120
+    need: int = 200
+    central: int = 100
+    real: int = 42
+    ad_hoc: int = 10
+    runs: int = 10
+    fused: int = 10
+    full: bool = False
+    # With `full`: the real-world stand-in once more, curves over cells, labels and lines.
+    real_once: int = 2000
+    most_labels: int = 3200
+    curve_tested: int = 500
+
+    def fully(self, full: bool) -> Scale:
+        """The same with or without what `full` adds."""
+        return replace(self, full=full)
+
+
+SMALL = Scale(
+    labels=80, tested=96, first=24, need=12, central=8, real=4, ad_hoc=2, runs=3, fused=2,
+    real_once=20, most_labels=160, curve_tested=48,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study at a place; what is finished there is not made again.
+
+    Raises:
+        ConfigError: a negative seed.
+    """
+
+    store: Store
+    workers: Workers
+    seed: int = 1
+    scale: Scale = Scale()
+    _rows: dict[str, Rows] = field(default_factory=dict)
+    _boards: dict[str, Board] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}; valid: 0 or more")
+
+    def sets(self) -> dict[str, SetConfig]:
+        """Every set of the study by name."""
+        n = self.scale
+        known, every = targets_of("known"), targets_of("all")
+        real = targets_of("real", "real")
+        tight = (4, 4)
+        robot = Recipe(real, objects="real", obstacles=(1, 4), noise="strong")
+        ad_hoc = replace(robot, obstacles=tight, wish="off-centre")
+        given = ("given",)
+        found = {
+            "labels": self._set(1, Recipe(known), n.labels),
+            "tested": self._set(2, Recipe(every), n.tested),
+            "need": self._set(3, Recipe(every, obstacles=tight, wish="off-centre"), n.need),
+            "central": self._set(4, Recipe(every, obstacles=tight, wish="no-central"), n.central),
+            "real": self._set(5, robot, n.real, runs=n.runs, thin=2),
+            "real-clean": self._set(5, replace(robot, noise="none"), n.real, thin=2),
+            "real-every-point": self._set(5, robot, n.real, runs=n.runs, thin=1),
+            "real-fused": self._set(
+                5, robot, n.real, runs=n.runs, thin=2, frames=n.fused, sights=given
+            ),
+            "ad-hoc": self._set(6, ad_hoc, n.ad_hoc, runs=n.runs, thin=2),
+        }
+        if n.full:
+            more = n.most_labels - n.labels
+            found |= {
+                "real-once": self._set(7, robot, n.real_once, thin=2),
+                "more-labels": self._set(8, Recipe(known), more, sights=given),
+                "mirrored": self._set(1, Recipe(known, mirrored=True), n.labels, sights=given),
+            }
+            for lines in (1, 5, 7):
+                found[f"labels-{lines}"] = self._set(
+                    1, Recipe(known), n.labels, lines=lines, sights=given
+                )
+                found[f"tested-{lines}"] = self._set(
+                    2, Recipe(every), n.curve_tested, lines=lines, sights=given
+                )
+        return found
+
+    def _set(self, stream: int, recipe: Recipe, count: int, **how: Any) -> SetConfig:
+        rows = RowConfig(recipe, self.seed * STREAMS + stream, **how)
+        return SetConfig(rows, count * rows.runs)
+
+    def cast(self) -> None:
+        """Cast every set that is not there yet.
+
+        Raises:
+            ConfigError: the place holds a study made otherwise.
+        """
+        for name, config in self.sets().items():
+            make_set(self.store, f"sets/{name}/", config, self.workers, f"cast {name}")
+
+    def rows(self, name: str) -> Rows:
+        """The rows of a set."""
+        if name not in self._rows:
+            self._rows[name] = read_set(self.store, f"sets/{name}/")[1]
+        return self._rows[name]
+
+    @cached_property
+    def trained(self) -> Mapping[str, Mapping[str, Any]]:
+        """What is kept of the eight SVMs' training by their names; trained where it is not yet."""
+        labelled = self.sets()["labels"], self.rows("labels")
+        kept = train_eight(self.store, "models/", labelled, self.workers, self.seed)
+        return {svm.name: item for svm, item in zip(EIGHT, kept, strict=True)}
+
+    @cached_property
+    def brains(self) -> Mapping[str, Brain]:
+        """The trained deciders of the four versions."""
+        _ = self.trained  # trains what is not there yet
+        return {version: brain_of(version, self.store, "models/") for version in VERSIONS}
+
+    def board(self, name: str) -> Board:
+        """A set's rows with what every chooser picks in them."""
+        if name not in self._boards:
+            self._boards[name] = Board(self.rows(name), self.brains)
+        return self._boards[name]

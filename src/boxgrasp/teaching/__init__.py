@@ -1,0 +1,1 @@
+"""Operators label scenes; sets hold them; SVMs are trained on them."""

@@ -1,0 +1,60 @@
+"""A stand-in for the thesis's operator: not a person, a rule with a person's habits.
+
+It sees the visible cloud and the box, never the truth. It likes front and top-parallel, since
+elsewhere a finger goes to a side that faces away from the camera; it likes central lines; it
+takes what looks free, by an eye that errs a little; it never asks the fingers to open wider than
+they can (thesis 3-3-1, 5-1). Its few numbers were set so that its choices match what the thesis's
+text keeps of figures 4-1 and 4-2, on scenes that no result is reported on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxgrasp.arrays import Floats
+from boxgrasp.geometry import hand_distance
+from boxgrasp.teaching.operators import Label, Shown
+
+SOURCE = "stand-in"
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """Its habits; liking is counted in metres of room that it is worth.
+
+    face_m: liking of left, front, right, top-parallel, top-perpendicular. off_centre_m: what the
+    outermost lines cost. enough_m: room beyond which more is no better. eye_m: standard deviation
+    of its judgement of room; mood_m: of its liking. into_table_m: how far under the table's top a
+    hand would have to be for it to see that.
+    """
+
+    face_m: tuple[float, float, float, float, float] = (0.0, 0.042, 0.0, 0.035, 0.02)
+    off_centre_m: float = 0.015
+    enough_m: float = 0.12
+    eye_m: float = 0.003
+    mood_m: float = 0.002
+    into_table_m: float = 0.01
+
+    def label(self, shown: Shown, rng: np.random.Generator) -> Label:
+        """The option that it likes best; None where nothing goes between the fingers."""
+        options = shown.options
+        fits = options.width_m <= shown.gripper.opening_m
+        if not fits.any():
+            return Label(None, SOURCE)
+        best = int(np.argmax(np.where(fits, self.liking(shown, rng), -np.inf)))
+        return Label(int(options.label[best]), SOURCE)
+
+    def liking(self, shown: Shown, rng: np.random.Generator) -> Floats:
+        """(M,) m, how much it likes each option."""
+        options = shown.options
+        hands = hand_distance.uprights(options.T_base_gripper, shown.gripper.half_m)
+        room = hand_distance.to_points(hands, shown.points)[0]
+        room = np.minimum(room + self.eye_m * rng.standard_normal(len(room)), self.enough_m)
+        low = hands[:, 6] - shown.table_m < -self.into_table_m
+        middle = (options.lines + 1) / 2
+        off_centre = np.abs(options.line - middle) / max(middle - 1.0, 1.0)
+        habit = np.array(self.face_m)[options.face - 1] - self.off_centre_m * off_centre
+        mood = self.mood_m * rng.standard_normal(len(room))
+        return np.asarray(habit + mood + np.where(low, -self.enough_m, room))
