@@ -1,7 +1,7 @@
 """The local map beside OctoMap on the same points. `python benchmarks/local_map.py`.
 
 One cast 640 x 480 frame with noise, 0.4 to 1.6 m away, thinned to 3 mm voxels. OctoMap inserts into
-an empty tree, its most favourable case; ours is the whole call, frame change included. Rounds take
+an empty tree, its most favorable case; ours is the whole call, frame change included. Rounds take
 turns, so that other work on the machine weighs on all alike: trust the ratios.
 """
 
@@ -46,8 +46,8 @@ def frame(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     u, v = capture.target_pixel
     at = int(np.argmin(np.abs(pixels - (v * capture.shape[1] + u))))
     base = transform(T, points)
-    centre = np.array([*base[at, :2], np.median(base[:, 2]) + 0.05])
-    return thinned(base), T[:3, 3], make_transform(rotation_z(0.3), centre)
+    center = np.array([*base[at, :2], np.median(base[:, 2]) + 0.05])
+    return thinned(base), T[:3, 3], make_transform(rotation_z(0.3), center)
 
 
 def cells(tree: octomap.OcTree, config: OccupancyConfig) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ def main() -> None:
     args = parser.parse_args()
     points, eye, T_base_map = frame(args.seed)
     print(f"{os.cpu_count()} cores, {len(points)} points of one frame; medians, ms (least)")
-    print("cell   cells   ours         one thread   exact         discretised   ratios      equal")
+    print("cell   cells   ours         one thread   exact         discretized   ratios      equal")
     for resolution in (0.03, 0.07):
         config = OccupancyConfig(resolution_m=resolution)
         L = lattice_transform(T_base_map, resolution)

@@ -76,7 +76,7 @@ def main() -> None:
     view = [scene.primitives, scene.intrinsics, scene.T_base_camera]
     far = np.abs(numpy_cast(scene) - cast(*view).depth)
     rows = [
-        ("cast: depth, colour, labels", milliseconds(lambda: cast(*view), args.repeats)),
+        ("cast: depth, color, labels", milliseconds(lambda: cast(*view), args.repeats)),
         ("cast, shaded", milliseconds(lambda: cast(*view, shading=0.4), args.repeats)),
         ("cast with Xtion noise", milliseconds(lambda: to_capture(scene, rng), args.repeats)),
         ("numpy, depth only", milliseconds(lambda: numpy_cast(scene), max(3, args.repeats // 20))),

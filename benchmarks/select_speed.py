@@ -4,7 +4,7 @@ From a 640 x 480 depth array to an answer, wall time around the call, warm, on s
 The obvious pipeline: back-projection, pass-through, Open3D's 3 mm voxels, plane, outliers and
 clusters over all that is seen; OctoMap's exact insertion of the whole cloud at 3 cm; 184 searches;
 numpy distances of the 15 options to the obstacle points. The cropped one does the same to what lies
-in a cube of 60 cm round the target, and inserts discretised. Both are spared the check: they find
+in a cube of 60 cm round the target, and inserts discretized. Both are spared the check: they find
 no reasons, no unseen space, no free approach. All take turns call by call, so that other work on
 the machine weighs on all alike: trust the ratios.
 
@@ -174,7 +174,7 @@ def main(argv: list[str] | None = None) -> None:
         print("no open3d: `pip install -r benchmarks/requirements.txt` for the comparison")
     elif not args.alone:
         contenders["obvious"] = lambda capture: obvious(capture, crop=False)
-        contenders["cropped, discretised"] = lambda capture: obvious(capture, crop=True)
+        contenders["cropped, discretized"] = lambda capture: obvious(capture, crop=True)
     for work in contenders.values():
         work(captures[0])
     times: dict[str, list[float]] = {name: [] for name in contenders}
@@ -206,7 +206,7 @@ def main(argv: list[str] | None = None) -> None:
         f"timings_ms.total within 5 %: off by {np.median(off):.2%} (median), {max(off):.2%} "
         f"(most), {word(float(np.median(off)) <= 0.05)}"
     )
-    for name, bar in (("obvious", BAR_OBVIOUS), ("cropped, discretised", BAR_CROPPED)):
+    for name, bar in (("obvious", BAR_OBVIOUS), ("cropped, discretized", BAR_CROPPED)):
         if name in median:
             ratio = median[name] / own
             print(f"{bar:.0f} times faster than {name}: {ratio:.1f}, {word(ratio >= bar)}")

@@ -1,7 +1,7 @@
 """How fast scenarios are made and the eight SVMs are found. `python benchmarks/study.py`.
 
 A scenario is drawn, cast with noise, seen twice (target given; target found by the package), with
-both feature sets, every option's numbers and exact truth, labelled, and written as Parquet. The
+both feature sets, every option's numbers and exact truth, labeled, and written as Parquet. The
 searches are the eight of the thesis, coarse and fine, with 5 folds, on the labels just made; beside
 them, on one SVM, scikit-learn's own grid search over the same coarse grid.
 """
@@ -46,14 +46,14 @@ def main() -> None:
         rate = args.count / spent
         held = "held" if rate >= 10 else "MISSED"
         print(f"{cores} cores; {args.count} made in {spent:.1f} s, {rate:.1f} a second; 10: {held}")
-        labelled = read_set(store, "labels/")
+        labeled = read_set(store, "labels/")
         start = time.perf_counter()
-        train_eight(store, "models/", labelled, workers)
+        train_eight(store, "models/", labeled, workers)
         spent = time.perf_counter() - start
         held = "held" if spent <= 180 else "MISSED"
         print(f"eight grid searches, training and export: {spent:.1f} s; 180 s: {held}")
     if args.rival:
-        rows = labelled[1]
+        rows = labeled[1]
         X, y = examples(rows, EIGHT[1], 3, largest_edge_m(rows))
         start = time.perf_counter()
         search(X, y, seed=0)

@@ -15,7 +15,7 @@ WIDTH = {"demo": 1100, "objects": 760}
 
 
 def main() -> None:
-    """The demo's answer and its numbered objects, made smaller, their colours kept."""
+    """The demo's answer and its numbered objects, made smaller, their colors kept."""
     view, selector = demo_capture(), GraspSelector()
     pictures = {
         "demo": draw_selection(view, selector.select(view)),
@@ -24,7 +24,7 @@ def main() -> None:
     for name, picture in pictures.items():
         height = round(picture.height * WIDTH[name] / picture.width)
         small = picture.convert("RGB").resize((WIDTH[name], height), Image.Resampling.LANCZOS)
-        # Octree keeps the categories' colours, which a median cut over a brown scene loses.
+        # Octree keeps the categories' colors, which a median cut over a brown scene loses.
         paletted = small.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
         paletted.save(IMAGES / f"{name}.png", optimize=True)
 

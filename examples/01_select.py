@@ -6,7 +6,7 @@ from boxgrasp.simulate import demo_capture
 view = demo_capture()  # stands for your camera
 
 capture = Capture(
-    view.depth,  # (480, 640) float32, metres, 0 where missing
+    view.depth,  # (480, 640) float32, meters, 0 where missing
     view.intrinsics,  # (3, 3), pixels
     view.T_base_camera,  # (4, 4), maps camera into base coordinates; None is allowed
     target_pixel=view.target_pixel,  # (u, v) on the wanted object

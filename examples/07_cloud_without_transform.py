@@ -3,7 +3,7 @@
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.simulate import demo_capture
 
-points, _ = demo_capture().valid_points()  # (N, 3) float32, optical frame, unorganised
+points, _ = demo_capture().valid_points()  # (N, 3) float32, optical frame, unorganized
 capture = Capture.from_cloud(points)
 
 selector = GraspSelector()

@@ -10,15 +10,15 @@ OBJECTS = """
 objects:
   milk:                        # set: known, novel or real may be a target
     set: known
-    colour: [230, 230, 235]
+    color: [230, 230, 235]
     parts:
       - {shape: box, dimensions_m: [0.07, 0.07, 0.20]}
-  funnel:                      # parts stand on the object's base unless centre_m says otherwise
+  funnel:                      # parts stand on the object's base unless center_m says otherwise
     set: obstacle
-    colour: [70, 170, 80]
+    color: [70, 170, 80]
     parts:
       - {shape: cylinder, radius_m: 0.03, height_m: 0.05}
-      - {shape: cylinder, radius_m: 0.06, height_m: 0.04, centre_m: [0.0, 0.0, 0.07]}
+      - {shape: cylinder, radius_m: 0.06, height_m: 0.04, center_m: [0.0, 0.0, 0.07]}
 """
 
 with tempfile.TemporaryDirectory() as folder:

@@ -70,9 +70,9 @@ class BagMaker:
             data=np.frombuffer(b"".join(rows), np.uint8),
         )
 
-    def compressed_depth(self, topic: str, stamp: float, millimetres: np.ndarray) -> BagMaker:
+    def compressed_depth(self, topic: str, stamp: float, millimeters: np.ndarray) -> BagMaker:
         png = io.BytesIO()
-        Image.fromarray(millimetres).save(png, "PNG")
+        Image.fromarray(millimeters).save(png, "PNG")
         return self.add(
             topic,
             "CompressedImage",
@@ -131,7 +131,7 @@ class BagMaker:
         frame_id: str = "camera_optical_frame",
         padding: int = 0,
     ) -> BagMaker:
-        """points (H, W, 3); x, y, z at 0, 4, 8, then a gap, colours at 16 as PCL has them."""
+        """points (H, W, 3); x, y, z at 0, 4, 8, then a gap, colors at 16 as PCL has them."""
         height, width = points.shape[:2]
         cells = np.zeros((height, width, 20), np.uint8)
         cells[..., :12] = points.astype("<f4").view(np.uint8).reshape(height, width, 12)
@@ -180,12 +180,12 @@ class BagMaker:
 
 
 def depth_bag(kind: str, seen: View) -> BagMaker:
-    """Three depth images a second apart, each 10 cm farther, their CameraInfo, and colour."""
+    """Three depth images a second apart, each 10 cm farther, their CameraInfo, and color."""
     maker = BagMaker(kind)
-    millimetres = np.round(seen.depth * 1000).astype(np.uint16)
+    millimeters = np.round(seen.depth * 1000).astype(np.uint16)
     for i in range(3):
         stamp = 100.0 + i
-        moved = np.where(millimetres > 0, millimetres + 100 * i, 0).astype(np.uint16)
+        moved = np.where(millimeters > 0, millimeters + 100 * i, 0).astype(np.uint16)
         maker.image("/camera/color/image_raw", stamp - 0.01, seen.rgb, "rgb8")
         maker.info("/camera/depth/camera_info", stamp, seen.intrinsics + np.diag([i, i, 0]))
         maker.image("/camera/depth/image_raw", stamp + 0.001, moved, "16UC1", padding=6)

@@ -39,9 +39,9 @@ class View:
 def view() -> View:
     rng = np.random.default_rng(3)
     v, u = np.mgrid[:HEIGHT, :WIDTH]
-    millimetres = 800 + 4 * v + u + rng.integers(0, 3, v.shape)
-    millimetres[8:14, 10:18] -= 60
-    millimetres[rng.random(v.shape) < 0.1] = 0
+    millimeters = 800 + 4 * v + u + rng.integers(0, 3, v.shape)
+    millimeters[8:14, 10:18] -= 60
+    millimeters[rng.random(v.shape) < 0.1] = 0
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[8:14, 10:18] = True
     T = np.array(
@@ -49,7 +49,7 @@ def view() -> View:
     )
     K = np.array([[30.5, 0, 15.25], [0, 31.0, 11.5], [0, 0, 1]])
     rgb = rng.integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
-    return View((millimetres / 1000).astype(np.float32), K, T, rgb, mask, (13, 10))
+    return View((millimeters / 1000).astype(np.float32), K, T, rgb, mask, (13, 10))
 
 
 def write_npz(path: Path, seen: View, **changes: Any) -> Path:
@@ -92,10 +92,10 @@ def pcd_bytes(
     rgb: np.ndarray | None = None,
     rgb_type: str = "F",
     viewpoint: str = "0 0 0 1 0 0 0",
-    organised: bool = False,
+    organized: bool = False,
 ) -> bytes:
-    """A PCD 0.7 of (H, W, 3) or (N, 3) points, with colours packed as PCL does."""
-    height, width = points.shape[:2] if organised else (1, points.size // 3)
+    """A PCD 0.7 of (H, W, 3) or (N, 3) points, with colors packed as PCL does."""
+    height, width = points.shape[:2] if organized else (1, points.size // 3)
     xyz = points.reshape(-1, 3).astype("<f4")
     names, kinds, columns = "x y z", "F F F", list(xyz.T)
     if rgb is not None:

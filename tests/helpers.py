@@ -17,15 +17,13 @@ CAMERA = {"position": [0.10, 0.0, 1.40], "gaze": [0.85, 0.0, 0.85]}
 
 def item(name: str, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> dict[str, Any]:
     """One object of a scene's spec, base frame, z over the table."""
-    return {"name": name, "x": x, "y": y, "z": z, "yaw": yaw, "colour": [200, 60, 50]}
+    return {"name": name, "x": x, "y": y, "z": z, "yaw": yaw, "color": [200, 60, 50]}
 
 
 def laid(target: dict[str, Any], *obstacles: dict[str, Any]) -> TableScene:
-    """A scene laid by hand; obstacles get colours of their own."""
-    colours = [[60, 120, 200], [70, 170, 80], [220, 180, 60], [150, 90, 170], [240, 140, 60]]
-    painted = [
-        {**other, "colour": colour} for other, colour in zip(obstacles, colours, strict=False)
-    ]
+    """A scene laid by hand; obstacles get colors of their own."""
+    colors = [[60, 120, 200], [70, 170, 80], [220, 180, 60], [150, 90, 170], [240, 140, 60]]
+    painted = [{**other, "color": color} for other, color in zip(obstacles, colors, strict=False)]
     return build_scene({"target": target, "obstacles": painted, "camera": CAMERA})
 
 

@@ -302,7 +302,7 @@ def test_damaged_views_of_a_table(
 
 @pytest.mark.parametrize("far_m", [1e3, 5e3, 1e5])
 def test_base_clouds_far_from_their_origin(far_m: float) -> None:
-    """A map frame may lie kilometres off; whatever float32 leaves is answered or refused."""
+    """A map frame may lie kilometers off; whatever float32 leaves is answered or refused."""
     points, _ = view().valid_points()
     T = SCENE.T_base_camera
     base = points @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)

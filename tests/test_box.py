@@ -22,7 +22,7 @@ QUICK = settings(max_examples=40, deadline=None, derandomize=True)
 def slab(
     size: tuple[float, float, float], yaw_deg: float = 0.0, step: float = 0.002, z: float = 0.8
 ) -> np.ndarray:
-    """(N, 3) points of a lid and two walls, as a camera sees a box; centred at (0.85, 0.1)."""
+    """(N, 3) points of a lid and two walls, as a camera sees a box; centered at (0.85, 0.1)."""
     x = np.linspace(-size[0] / 2, size[0] / 2, int(size[0] / step) + 1)
     y = np.linspace(-size[1] / 2, size[1] / 2, int(size[1] / step) + 1)
     h = np.linspace(0.01, size[2], int(size[2] / step) + 1)
@@ -125,8 +125,8 @@ def test_box_stands_on_the_plane(fit: str, plane_z: float, lowest: float) -> Non
     points = points[points[:, 2] > lowest]
     plane = Plane(np.array([0.0, 0.0, 1.0]), -plane_z)
     box = fit_box(points, plane, 0.0, BoxConfig(fit=fit))  # type: ignore[arg-type]
-    assert box.base_centre_m[2] == pytest.approx(plane_z, abs=1e-9)
-    assert box.base_centre_m[2] + box.dimensions_m[2] == pytest.approx(0.92, abs=1e-4)
+    assert box.base_center_m[2] == pytest.approx(plane_z, abs=1e-9)
+    assert box.base_center_m[2] + box.dimensions_m[2] == pytest.approx(0.92, abs=1e-4)
     np.testing.assert_array_equal(box.T_base_box[2, :3], (0, 0, 1))  # its z is the base's
 
 
@@ -134,7 +134,7 @@ def test_box_stands_on_a_tilted_plane_under_its_middle() -> None:
     normal = np.array([0.03, -0.02, 1.0]) / np.linalg.norm([0.03, -0.02, 1.0])
     plane = Plane(normal, -float(normal @ (0.85, 0.1, 0.79)))
     box = fit_box(slab((0.06, 0.08, 0.12)), plane, 0.0, BoxConfig())
-    assert abs(plane.heights(box.base_centre_m[None].astype(np.float32))[0]) < 1e-6
+    assert abs(plane.heights(box.base_center_m[None].astype(np.float32))[0]) < 1e-6
 
 
 @pytest.mark.parametrize("fit", ["yaw", "aligned"])
@@ -151,7 +151,7 @@ def test_a_stray_pixel_cannot_inflate_the_box(
     np.testing.assert_allclose(box.T_base_box, clean.T_base_box, atol=0.01)
 
 
-def test_half_sphere_frame_is_five_centimetres_over_the_base_centre() -> None:
+def test_half_sphere_frame_is_five_centimeters_over_the_base_center() -> None:
     box = fit_box(slab((0.06, 0.20, 0.15), 30.0), LEVEL, 0.0, BoxConfig())
     T = box.T_base_map()
     np.testing.assert_allclose(T[:3, 3], (*box.T_base_box[:2, 3], 0.85), atol=1e-9)
@@ -194,6 +194,6 @@ def test_boxes_of_cast_targets(seed: int, yaw: str) -> None:
     assert away.max() < 0.009, (scene.names[2], away.max())
 
 
-def test_a_hand_laid_scene_gives_the_catalogue_size() -> None:
+def test_a_hand_laid_scene_gives_the_catalog_size() -> None:
     scene = laid(item("cereal_y", 0.85, 0.0))
     np.testing.assert_allclose(true_box(scene)[1], (0.04, 0.20, 0.15))

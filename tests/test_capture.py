@@ -78,7 +78,7 @@ def test_few_impossible_depths_are_noted_and_many_refused(odd):
         Capture(depth, [[90, 0, 50], [0, 90, 50], [0, 0, 1]])
 
 
-def test_organised_cloud_gives_the_points_and_pixels_of_its_depth_image():
+def test_organized_cloud_gives_the_points_and_pixels_of_its_depth_image():
     from_depth = depth_capture()
     cloud = Capture.from_cloud(SEEN.points, colors=SEEN.rgb, mask=SEEN.mask, target_pixel=(13, 10))
     assert cloud.shape == (HEIGHT, WIDTH) and cloud.has_camera and cloud.depth is None
@@ -145,8 +145,8 @@ BAD_VIEWS = {
     "one dimension": (dict(depth=SEEN.depth[0]), r"shape \(32,\)"),
     "three dimensions": (dict(depth=SEEN.depth[..., None]), "shape"),
     "no pixels": (dict(depth=np.zeros((0, 4), np.float32)), "shape"),
-    "millimetres as uint16": (dict(depth=(SEEN.depth * 1000).astype(np.uint16)), "divide"),
-    "millimetres as float": (dict(depth=SEEN.depth * 1000), "millimetres"),
+    "millimeters as uint16": (dict(depth=(SEEN.depth * 1000).astype(np.uint16)), "divide"),
+    "millimeters as float": (dict(depth=SEEN.depth * 1000), "millimeters"),
     "objects": (dict(depth=np.array([[None]])), "holds object"),
     "text": (dict(depth="depth"), "depth holds"),
     "ragged": (dict(depth=[[1.0], [1.0, 2.0]]), "not an array"),
@@ -154,7 +154,7 @@ BAD_VIEWS = {
     "none": (dict(depth=None), "holds object"),
     "all zero": (dict(depth=SEEN.depth * 0), "every pixel"),
     "all NaN": (dict(depth=SEEN.depth * np.nan), "every pixel"),
-    "all far": (dict(depth=SEEN.depth * 0 + 100), "millimetres"),
+    "all far": (dict(depth=SEEN.depth * 0 + 100), "millimeters"),
     "negative": (dict(depth=-SEEN.depth), "negative or infinite"),
     "infinite": (dict(depth=np.full_like(SEEN.depth, np.inf)), "negative or infinite"),
     "no intrinsics": (dict(intrinsics=None), "intrinsics are missing"),
@@ -176,7 +176,7 @@ BAD_VIEWS = {
     "pose last row": (dict(T_base_camera=changed(np.eye(4), (3, 0), 1)), "last row"),
     "pose text": (dict(T_base_camera="pose"), "not numeric"),
     "rgb smaller": (dict(rgb=SEEN.rgb[:-1]), "rgb has shape"),
-    "rgb grey": (dict(rgb=SEEN.rgb[..., 0]), "rgb has shape"),
+    "rgb gray": (dict(rgb=SEEN.rgb[..., 0]), "rgb has shape"),
     "rgb float": (dict(rgb=SEEN.rgb / 255.0), "rgb holds float64"),
     "mask smaller": (dict(mask=SEEN.mask[:, 1:]), "mask has shape"),
     "mask empty": (dict(mask=SEEN.mask & False), "mask is empty"),
@@ -205,19 +205,19 @@ BAD_CLOUDS = {
     "empty": (dict(points=np.zeros((0, 3), np.float32)), "empty"),
     "no columns": (dict(points=np.zeros((4, 2), np.float32)), "shape"),
     "one number": (dict(points=np.float32(3)), "shape"),
-    "whole numbers": (dict(points=np.ones((4, 3), int)), "float metres"),
+    "whole numbers": (dict(points=np.ones((4, 3), int)), "float meters"),
     "objects": (dict(points=[[None] * 3]), "object"),
     "all NaN": (dict(points=P * np.nan), "no valid point"),
     "all zero": (dict(points=P[:5] * 0), "no valid point"),
     "behind": (dict(points=FEW * (1, 1, -1)), "behind the camera"),
     "infinite": (dict(points=np.full((2, 3), np.inf), cloud_frame="base"), "infinite"),
-    "millimetres": (dict(points=FEW * 1000), "millimetres"),
-    "millimetres, base": (
+    "millimeters": (dict(points=FEW * 1000), "millimeters"),
+    "millimeters, base": (
         dict(points=np.random.default_rng(0).random((50, 3)) * 900, cloud_frame="base"),
-        "millimetres",
+        "millimeters",
     ),
     "frame": (dict(points=FEW, cloud_frame="world"), "valid: optical, base"),
-    "colours": (dict(points=FEW, colors=np.zeros((3, 3), np.uint8)), "colors has shape"),
+    "colors": (dict(points=FEW, colors=np.zeros((3, 3), np.uint8)), "colors has shape"),
     "mask": (dict(points=FEW, mask=np.ones(3, bool)), "mask has shape"),
     "mask on nothing": (
         dict(points=[[0.1, 0, 1.0], [np.nan] * 3], mask=np.array([False, True])),

@@ -1,4 +1,4 @@
-"""Cells of points against scipy's k-d tree and naive loops: clusters, centroids, neighbours."""
+"""Cells of points against scipy's k-d tree and naive loops: clusters, centroids, neighbors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from boxgrasp.kernels.cells import euclidean_clusters, mean_neighbour_distance, voxel_centroids
+from boxgrasp.kernels.cells import euclidean_clusters, mean_neighbor_distance, voxel_centroids
 
 RULE_M = 0.015
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
@@ -29,7 +29,7 @@ def components(points: np.ndarray, radius_m: float) -> np.ndarray:
 
 
 def same_parts(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two labellings part the points in the same way."""
+    """Whether two labelings part the points in the same way."""
     pairs = np.unique(np.column_stack((a, b)), axis=0)
     return len(pairs) == len(np.unique(a)) == len(np.unique(b))
 
@@ -60,7 +60,7 @@ def test_clusters_of_a_cast_scene_are_exact(seed: int) -> None:
 
 
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, 0, 1), (1, 1, 0), (1, -1, 1), (-3, 2, 1)])
-def test_the_rule_is_kept_within_a_fraction_of_two_millimetres(
+def test_the_rule_is_kept_within_a_fraction_of_two_millimeters(
     direction: tuple[int, int, int],
 ) -> None:
     """Two plates at a gap: one cluster under 1.5 cm, two over it, wherever the cells lie."""
@@ -128,24 +128,24 @@ def test_voxels_do_not_depend_on_the_order_of_points(seed: int) -> None:
 @given(
     seed=SEEDS,
     count=st.integers(1, 600),
-    neighbours=st.sampled_from([1, 8, 30]),
+    neighbors=st.sampled_from([1, 8, 30]),
     reach=st.sampled_from([0.007, 0.03, 0.5]),
 )
-def test_neighbour_distances_equal_the_tree(
-    seed: int, count: int, neighbours: int, reach: float
+def test_neighbor_distances_equal_the_tree(
+    seed: int, count: int, neighbors: int, reach: float
 ) -> None:
     points = np.random.default_rng(seed).normal(0, 0.03, (count, 3)).astype(np.float32)
-    found = mean_neighbour_distance(points, neighbours, reach)
+    found = mean_neighbor_distance(points, neighbors, reach)
     tree = cKDTree(points.astype(np.float64))
-    away = tree.query(points, k=neighbours + 1, distance_upper_bound=10.0)[0]
+    away = tree.query(points, k=neighbors + 1, distance_upper_bound=10.0)[0]
     # The first is the point itself; what is farther than the reach, or missing, counts as it.
     expected = np.minimum(away[:, 1:], reach).mean(axis=1)
     np.testing.assert_allclose(found, expected, atol=2e-7)
 
 
-def test_neighbour_distances_are_the_same_from_one_thread_or_two() -> None:
+def test_neighbor_distances_are_the_same_from_one_thread_or_two() -> None:
     """Above 2,000 points a chunk the work is shared."""
     points = np.random.default_rng(0).normal(0, 0.05, (6000, 3)).astype(np.float32)
     tree = cKDTree(points.astype(np.float64))
     expected = np.minimum(tree.query(points, k=9)[0][:, 1:], 0.01).mean(axis=1)
-    np.testing.assert_allclose(mean_neighbour_distance(points, 8, 0.01), expected, atol=2e-7)
+    np.testing.assert_allclose(mean_neighbor_distance(points, 8, 0.01), expected, atol=2e-7)

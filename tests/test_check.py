@@ -59,7 +59,7 @@ def test_numbers_against_exact_surfaces(seed: int) -> None:
         assert option.unseen_m <= option.seen_m + 1e-9
 
 
-def test_numbers_of_a_lone_neighbour_are_the_true_ones() -> None:
+def test_numbers_of_a_lone_neighbor_are_the_true_ones() -> None:
     """A box wall that faces the camera and the gripper: distances within a voxel."""
     scene = laid(item("beans_can", 0.95, 0.0), item("green_cube", 0.83, 0.0))
     found = GraspSelector().select(seen(scene))
@@ -104,15 +104,15 @@ def test_distances_are_finite_and_capped(seed: int) -> None:
 
 
 def test_share_of_unseen_space_does_not_hang_on_rounding() -> None:
-    """The default hand grown by 2 cm ends at 10.5 cm, where cells of 3 cm have their centres."""
+    """The default hand grown by 2 cm ends at 10.5 cm, where cells of 3 cm have their centers."""
     steps = (np.arange(-6, 6) + 0.5) * 0.03
-    centres = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
-    centres = centres[centres[:, 1] > 0]
+    centers = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    centers = centers[centers[:, 1] > 0]
     hand = np.array([[0.0, 0.0, 1.0, 0.0, 0.11, 0.085, -0.035, 0.035]])
     shares = []
     for off in (-1e-9, 0.0, 1e-9):
         moved = hand + np.array([0.0, off, 0, 0, 0, 0, 0, 0])
-        shares.append(filled_shares(moved, centres, 0.03, 0.02)[0])
+        shares.append(filled_shares(moved, centers, 0.03, 0.02)[0])
     assert max(shares) - min(shares) < 1e-6
     assert shares[1] == pytest.approx(0.5, abs=0.05)
 

@@ -164,7 +164,7 @@ def test_examples_are_as_many_as_faces_say(place: Path) -> None:
         assert X.max() <= 1.0
 
 
-def test_unlabelled_rows_cannot_teach(board: Board) -> None:
+def test_unlabeled_rows_cannot_teach(board: Board) -> None:
     rows = Rows({**board.rows, "label": np.zeros(board.rows.count, dtype=np.int64)})
     with pytest.raises(ConfigError, match="without a label"):
         examples(rows, EIGHT[0], 3, None)

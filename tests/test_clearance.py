@@ -84,13 +84,13 @@ def test_columns_equal_exact_segments(seed: int) -> None:
 def test_cells_equal_exact_solids(seed: int, yaw: float, equal: bool) -> None:
     rng = np.random.default_rng(seed)
     T = poses(rng)
-    centres = rng.normal(0, 0.25, (12, 3))
+    centers = rng.normal(0, 0.25, (12, 3))
     sizes = np.full(12, 0.03) if equal else rng.choice([0.03, 0.07, 0.24], 12)
     boxes = hand_distance.uprights(T, HAND.half_m)
-    found = hand_distance.to_cells(boxes, centres, sizes, yaw)
+    found = hand_distance.to_cells(boxes, centers, sizes, yaw)
     solids = [
-        SolidBox(make_transform(rotation_z(yaw), centre), np.full(3, size))
-        for centre, size in zip(centres, sizes, strict=True)
+        SolidBox(make_transform(rotation_z(yaw), center), np.full(3, size))
+        for center, size in zip(centers, sizes, strict=True)
     ]
     exact = boxes_to_solids(T, 2 * HAND.half_m, solids)
     np.testing.assert_allclose(found, np.minimum(exact, 0.5), atol=1e-6)
@@ -104,10 +104,10 @@ def test_cells_bound_their_dense_samples() -> None:
     steps = np.linspace(-0.035, 0.035, 36)
     grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     for _ in range(8):
-        centre, yaw = rng.normal(0, 0.2, 3), rng.uniform(-2, 2)
-        samples = grid @ rotation_z(yaw).T + centre
+        center, yaw = rng.normal(0, 0.2, 3), rng.uniform(-2, 2)
+        samples = grid @ rotation_z(yaw).T + center
         sampled, _ = hand_distance.to_points(boxes, samples.astype(np.float32))
-        found = hand_distance.to_cells(boxes, centre[None], np.array([0.07]), yaw)
+        found = hand_distance.to_cells(boxes, center[None], np.array([0.07]), yaw)
         assert (found <= sampled + 1e-6).all()
         assert (sampled <= found + 0.002).all()
 

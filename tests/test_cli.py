@@ -231,13 +231,13 @@ def test_objects_and_their_numbers(
     assert main(["objects", table]) == 0
     lines = capsys.readouterr().out.splitlines()
     objects = GraspSelector().objects(view)
-    assert lines[0] == f"{table}: {len(objects)} objects; metres, base frame"
+    assert lines[0] == f"{table}: {len(objects)} objects; meters, base frame"
     assert [int(line.split()[0]) for line in lines[2:]] == [item.number for item in objects]
     for item in objects:
         assert main(["select", "--json", table, "--object", str(item.number)]) == 0
         (answer,) = answers(capsys.readouterr().out)
-        centre = np.array(answer["box"]["T_base_box"])[:3, 3]  # type: ignore[index]
-        assert np.linalg.norm((centre - item.centre_m)[:2]) < 0.05
+        center = np.array(answer["box"]["T_base_box"])[:3, 3]  # type: ignore[index]
+        assert np.linalg.norm((center - item.center_m)[:2]) < 0.05
 
 
 def test_target_by_mask_file(

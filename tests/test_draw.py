@@ -1,4 +1,4 @@
-"""Pictures: exact geometry, marks that stay apart for the colour-blind, text that fits, errors."""
+"""Pictures: exact geometry, marks that stay apart for the color-blind, text that fits, errors."""
 
 from __future__ import annotations
 
@@ -125,8 +125,8 @@ def pixels(image: Image.Image) -> np.ndarray:
     return np.asarray(image).astype(np.int64)
 
 
-def count_of(image: Image.Image, colour: tuple[int, int, int], within: int = 12) -> int:
-    return int((np.abs(pixels(image) - colour).max(axis=2) <= within).sum())
+def count_of(image: Image.Image, color: tuple[int, int, int], within: int = 12) -> int:
+    return int((np.abs(pixels(image) - color).max(axis=2) <= within).sum())
 
 
 # Geometry
@@ -236,22 +236,22 @@ def test_edges_join_corners_that_differ_in_one_axis() -> None:
         assert (places[a] != places[b]).sum() == 1
 
 
-def test_an_organised_cloud_tells_its_own_intrinsics() -> None:
+def test_an_organized_cloud_tells_its_own_intrinsics() -> None:
     capture = captured()
     assert capture.intrinsics is not None and capture.depth is not None
     height, width = capture.depth.shape
     points, index = capture.valid_points()
     cloud = np.full((height * width, 3), np.nan, np.float32)
     cloud[index] = points
-    organised = Capture.from_cloud(cloud.reshape(height, width, 3))
-    found = fitted_intrinsics(organised)
+    organized = Capture.from_cloud(cloud.reshape(height, width, 3))
+    found = fitted_intrinsics(organized)
     assert found is not None
     np.testing.assert_allclose(found, capture.intrinsics, atol=0.05)
     shuffled = np.random.default_rng(0).permutation(cloud).reshape(height, width, 3)
     assert fitted_intrinsics(Capture.from_cloud(shuffled)) is None
 
 
-# Colours
+# Colors
 
 
 _DEFICIENT = {
@@ -280,21 +280,21 @@ def lab(linear: np.ndarray) -> np.ndarray:
     return np.array((116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])))
 
 
-def as_seen(colour: tuple[int, int, int], eye: str) -> np.ndarray:
-    share = np.array(colour) / 255
+def as_seen(color: tuple[int, int, int], eye: str) -> np.ndarray:
+    share = np.array(color) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return lab(np.clip(_DEFICIENT[eye] @ linear, 0, 1))
 
 
 @pytest.mark.parametrize("eye", ["normal", "protanopia", "deuteranopia"])
-def test_categories_stay_apart_for_the_colour_blind(eye: str) -> None:
+def test_categories_stay_apart_for_the_color_blind(eye: str) -> None:
     for a, b in itertools.combinations(CATEGORY.values(), 2):
         assert np.linalg.norm(as_seen(a, eye) - as_seen(b, eye)) > 25
     for hand in CATEGORY.values():
         assert np.linalg.norm(as_seen(hand, eye) - as_seen(GRIPPER, eye)) > 25
 
 
-def test_the_check_on_colours_can_fail() -> None:
+def test_the_check_on_colors_can_fail() -> None:
     pure = (220, 40, 40), (110, 140, 20)
     assert np.linalg.norm(as_seen(pure[0], "normal") - as_seen(pure[1], "normal")) > 60
     assert np.linalg.norm(as_seen(pure[0], "protanopia") - as_seen(pure[1], "protanopia")) < 40
@@ -304,14 +304,14 @@ def test_categories_have_a_shape_each() -> None:
     assert set(SHAPE) == set(CATEGORY) and len(set(SHAPE.values())) == 3
 
 
-def test_marks_differ_without_any_colour() -> None:
-    grey = []
+def test_marks_differ_without_any_color() -> None:
+    gray = []
     for shape in ("circle", "triangle", "square"):
         for style in ("kept", "dropped", "wide"):
             canvas = Canvas(Image.new("RGB", (40, 40), WHITE))
             canvas.mark((20, 20), shape, (128, 128, 128), 9, style)
-            grey.append(pixels(canvas.finish()))
-    for a, b in itertools.combinations(grey, 2):
+            gray.append(pixels(canvas.finish()))
+    for a, b in itertools.combinations(gray, 2):
         assert (np.abs(a - b).max(axis=2) > 60).sum() > 15
 
 
@@ -461,12 +461,12 @@ def test_the_nearest_obstacle_is_the_nearest_point_that_is_neither_target_nor_ta
 
 
 VARIANTS = (
-    "depth with colour",
+    "depth with color",
     "depth",
-    "organised",
-    "organised, coloured",
+    "organized",
+    "organized, colored",
     "optical cloud",
-    "coloured cloud",
+    "colored cloud",
     "base cloud",
     "base cloud, camera known",
     "robot masked",
@@ -480,21 +480,21 @@ def variants() -> dict[str, Capture]:
     T = capture.T_base_camera
     assert T is not None
     points, index = capture.valid_points()
-    colours = capture.rgb.reshape(-1, 3)[index]
-    organised = np.full((*capture.depth.shape, 3), np.nan, np.float32)
-    organised.reshape(-1, 3)[index] = points
+    colors = capture.rgb.reshape(-1, 3)[index]
+    organized = np.full((*capture.depth.shape, 3), np.nan, np.float32)
+    organized.reshape(-1, 3)[index] = points
     base = transform(T, points)
     return {
-        "depth with colour": capture,
+        "depth with color": capture,
         "depth": Capture(capture.depth, capture.intrinsics, T),
-        "organised": Capture.from_cloud(organised, T_base_camera=T),
-        "organised, coloured": Capture.from_cloud(organised, colors=capture.rgb, T_base_camera=T),
+        "organized": Capture.from_cloud(organized, T_base_camera=T),
+        "organized, colored": Capture.from_cloud(organized, colors=capture.rgb, T_base_camera=T),
         "optical cloud": Capture.from_cloud(points, T_base_camera=T),
-        "coloured cloud": Capture.from_cloud(points, colors=colours, T_base_camera=T),
+        "colored cloud": Capture.from_cloud(points, colors=colors, T_base_camera=T),
         "base cloud": Capture.from_cloud(base, cloud_frame="base"),
         "base cloud, camera known": Capture.from_cloud(base, cloud_frame="base", T_base_camera=T),
         "robot masked": Capture.from_cloud(
-            points, colors=colours, T_base_camera=T, robot_mask=points[:, 0] > 0.3
+            points, colors=colors, T_base_camera=T, robot_mask=points[:, 0] > 0.3
         ),
     }
 
@@ -513,7 +513,7 @@ def test_every_kind_of_capture_is_drawn(name: str) -> None:
 
 def test_a_view_seen_by_the_camera_agrees_for_image_and_cloud() -> None:
     """The painted cloud and the image both have the target in their midst."""
-    for name in ("depth", "optical cloud", "organised"):
+    for name in ("depth", "optical cloud", "organized"):
         capture = variants()[name]
         cloud = base_cloud(capture, capture.T_base_camera)
         focus = corners(made().box.T_base_box, np.full(3, 0.3))
@@ -532,8 +532,8 @@ def test_support_frame_answers_are_drawn_with_the_answers_own_camera() -> None:
     answer = GraspSelector().select(free, Target(pixel=capture.target_pixel))
     assert answer.frame == "support"
     image = draw_selection(free, answer)
-    colour = GRIPPER if answer.status == "grasp" else BLOCKED
-    assert count_of(image.crop((14, 84, 922, 765)), colour) > 500
+    color = GRIPPER if answer.status == "grasp" else BLOCKED
+    assert count_of(image.crop((14, 84, 922, 765)), color) > 500
 
 
 @pytest.mark.parametrize("lines", [1, 5, 40])
@@ -571,7 +571,7 @@ def some_objects() -> tuple[SceneObject, ...]:
     return tuple(
         SceneObject(
             number=k + 1,
-            centre_m=np.array((x, y, TABLE_M + 0.05)),
+            center_m=np.array((x, y, TABLE_M + 0.05)),
             size_m=np.full(3, 0.08),
             distance_m=0.9,
             points=100,
@@ -655,6 +655,6 @@ def test_real_captures_are_drawn(captures_dir: Path) -> None:
         capture = load_capture(captures_dir / name, cloud_frame=frame)  # type: ignore[arg-type]
         found = selector.objects(capture)
         answer = selector.select(capture, Target(object=found[0].number))
-        colour = GRIPPER if answer.status == "grasp" else BLOCKED
-        assert count_of(draw_selection(capture, answer), colour) > 1000
+        color = GRIPPER if answer.status == "grasp" else BLOCKED
+        assert count_of(draw_selection(capture, answer), color) > 1000
         assert count_of(draw_objects(capture, found), GRIPPER) > 300 * len(found)

@@ -15,7 +15,7 @@ from boxgrasp.ranking.features import (
     FACE_FEATURE,
     line,
     line_schema,
-    normalised,
+    normalized,
     single,
     single_schema,
 )
@@ -126,18 +126,18 @@ def test_a_scene_turned_with_the_face_gives_the_same_line_features() -> None:
 
 def test_own_edge_loses_the_scale_and_the_training_sets_edge_keeps_it() -> None:
     small, large = np.array(BOX) / 2, np.array(BOX)
-    np.testing.assert_array_equal(normalised(small, None), normalised(large, None))
-    assert (normalised(small, 0.24) < normalised(large, 0.24)).all()
-    np.testing.assert_array_equal(normalised([0.5, 0.1, 0.12], 0.24)[0], 1.0)
+    np.testing.assert_array_equal(normalized(small, None), normalized(large, None))
+    assert (normalized(small, 0.24) < normalized(large, 0.24)).all()
+    np.testing.assert_array_equal(normalized([0.5, 0.1, 0.12], 0.24)[0], 1.0)
 
 
 @pytest.mark.parametrize("bad", [(0.1, 0.1), (0.1, 0.1, 0.0), (0.1, -1, 0.1), (np.nan, 1, 1)])
 def test_bad_dimensions_are_refused(bad: tuple[float, ...]) -> None:
-    with pytest.raises(BoxgraspError, match="valid: three positive metres"):
-        normalised(bad, 0.24)
+    with pytest.raises(BoxgraspError, match="valid: three positive meters"):
+        normalized(bad, 0.24)
 
 
 @pytest.mark.parametrize("edge", [0.0, -1.0, float("nan"), float("inf")])
 def test_bad_edges_are_refused(edge: float) -> None:
     with pytest.raises(ConfigError, match="largest edge"):
-        normalised(BOX, edge)
+        normalized(BOX, edge)

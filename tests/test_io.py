@@ -110,12 +110,12 @@ def test_pcd_gives_back_its_points(tmp_path, encoding, rgb_type):
         rgb_type = "U"  # as text a packed float loses nothing, but PCL writes whole numbers
     path = tmp_path / "cloud.pcd"
     path.write_bytes(
-        pcd_bytes(SEEN.points, encoding, rgb=SEEN.rgb, rgb_type=rgb_type, organised=True)
+        pcd_bytes(SEEN.points, encoding, rgb=SEEN.rgb, rgb_type=rgb_type, organized=True)
     )
-    organised = load_capture(path)
+    organized = load_capture(path)
     expected = Capture.from_cloud(SEEN.points, colors=SEEN.rgb)
-    same(organised, expected, "points", "colors")
-    assert organised.shape == (HEIGHT, WIDTH) and organised.cloud_frame == "optical"
+    same(organized, expected, "points", "colors")
+    assert organized.shape == (HEIGHT, WIDTH) and organized.cloud_frame == "optical"
     path.write_bytes(pcd_bytes(SEEN.points, encoding, rgb=SEEN.rgb, rgb_type=rgb_type))
     loose = load_capture(path, cloud_frame="base")
     flat = SEEN.points.reshape(-1, 3)
@@ -194,7 +194,7 @@ def test_pcd_reads_what_another_library_writes(tmp_path):
 
 
 def test_folder_may_hold_a_cloud(tmp_path):
-    (tmp_path / "cloud.pcd").write_bytes(pcd_bytes(SEEN.points, "binary", organised=True))
+    (tmp_path / "cloud.pcd").write_bytes(pcd_bytes(SEEN.points, "binary", organized=True))
     same(load_capture(tmp_path), Capture.from_cloud(SEEN.points), "points")
 
 
@@ -204,7 +204,7 @@ def bag_kind(request):
     return request.param
 
 
-def test_bag_gives_its_first_depth_image_with_camera_and_colour(tmp_path, bag_kind):
+def test_bag_gives_its_first_depth_image_with_camera_and_color(tmp_path, bag_kind):
     from bag_files import depth_bag
 
     capture = load_capture(depth_bag(bag_kind, SEEN).write(tmp_path))
@@ -248,18 +248,18 @@ def test_bag_gives_the_topic_asked_for(tmp_path, bag_kind):
         load_capture(path, topic="/camera/color/image_raw")
 
 
-def test_bag_reads_metres_big_endian_and_compressed_depth(tmp_path, bag_kind):
+def test_bag_reads_meters_big_endian_and_compressed_depth(tmp_path, bag_kind):
     from bag_files import BagMaker
 
-    millimetres = np.round(SEEN.depth * 1000).astype(np.uint16)
-    metres = np.where(SEEN.depth > 0, SEEN.depth, np.nan).astype(np.float32)
+    millimeters = np.round(SEEN.depth * 1000).astype(np.uint16)
+    meters = np.where(SEEN.depth > 0, SEEN.depth, np.nan).astype(np.float32)
     maker = BagMaker(bag_kind)
     maker.info("/camera_info", 1.0, SEEN.intrinsics)
-    maker.image("/metres", 1.0, metres, "32FC1")
-    maker.image("/big", 1.0, millimetres, "16UC1", big=True)
-    maker.compressed_depth("/packed/compressedDepth", 1.0, millimetres)
+    maker.image("/meters", 1.0, meters, "32FC1")
+    maker.image("/big", 1.0, millimeters, "16UC1", big=True)
+    maker.compressed_depth("/packed/compressedDepth", 1.0, millimeters)
     path = maker.write(tmp_path)
-    same(load_capture(path, topic="/metres"), whole(), "depth")
+    same(load_capture(path, topic="/meters"), whole(), "depth")
     for topic in ("/big", "/packed/compressedDepth"):
         np.testing.assert_allclose(load_capture(path, topic=topic).depth, SEEN.depth, atol=1e-7)
 
@@ -278,7 +278,7 @@ def test_bag_refuses_distortion_but_takes_a_rectified_topic(tmp_path, bag_kind):
     same(capture, whole(), "depth", "intrinsics")
 
 
-def test_bag_takes_a_camera_info_told_once_and_no_far_colour(tmp_path, bag_kind):
+def test_bag_takes_a_camera_info_told_once_and_no_far_color(tmp_path, bag_kind):
     from bag_files import BagMaker
 
     maker = BagMaker(bag_kind)
@@ -359,7 +359,7 @@ def test_simulated_captures_load(captures_dir):
 def test_readers_import_only_what_the_format_needs(tmp_path):
     path = write_npz(tmp_path / "view.npz", SEEN)
     code = (
-        "import sys; from boxgrasp.sensing.capture import Capture; load_capture(sys.argv[1]);"
+        "import sys; from boxgrasp import load_capture; load_capture(sys.argv[1]);"
         "heavy = {'rosbags', 'pypcd4', 'PIL', 'pydantic', 'scipy'} & set(sys.modules);"
         "sys.exit(str(heavy) if heavy else 0)"
     )

@@ -217,7 +217,7 @@ def test_the_record_comes_back() -> None:
         ({"format": True}, "record format is True"),
         ({"format": None}, "record format is None"),
         ({"format": "x" * 5000}, "record format is 'xxx"),
-        ({"colour": 1}, "unknown key 'colour'"),
+        ({"color": 1}, "unknown key 'color'"),
         ({"part": "bottom"}, "part is 'bottom'; valid:"),
         ({"lines": 0}, "lines is 0"),
         ({"lines": 2.5}, "lines is 2.5"),

@@ -12,7 +12,7 @@ from boxgrasp.errors import SceneError
 from boxgrasp.simulate import build_scene, draw_scene, load_objects
 
 # Of the scenes drawn before the objects moved to a folder of sets.
-SPECS = "96303fd3f3061b5ffcff71d6d1e09e788a2152a55ff2b08426e24319ca464d45"
+SPECS = "cb040dded740a34711f45dae6acf9585b71af375caaa8f245f8ea5e95de47067"
 
 
 def test_seeds_keep_their_scenes() -> None:
@@ -71,7 +71,7 @@ def test_scenes_of_the_real_set() -> None:
 
 
 def test_a_user_file_by_path(tmp_path) -> None:
-    text = "objects: {tin: {set: novel, colour: [9, 9, 9], parts: [PART]}}"
+    text = "objects: {tin: {set: novel, color: [9, 9, 9], parts: [PART]}}"
     part = "{shape: cylinder, radius_m: 0.05, height_m: %s}"
     path = tmp_path / "mine.yml"
     path.write_text(text.replace("PART", part % 0.2))
@@ -90,19 +90,19 @@ def test_wrong_source_names_the_valid_ones(source: str) -> None:
 
 FOOT = "{shape: box, dimensions_m: [0.04, 0.04, 0.10]}"
 DISC = "{shape: cylinder, radius_m: 0.02, height_m: 0.10}"
-LOW = "{shape: box, dimensions_m: [0.04, 0.04, 0.10], centre_m: [0, 0, 0.049]}"
-HIGH = "{shape: box, dimensions_m: [0.04, 0.04, 0.10], centre_m: [0, 0, 0.052]}"
+LOW = "{shape: box, dimensions_m: [0.04, 0.04, 0.10], center_m: [0, 0, 0.049]}"
+HIGH = "{shape: box, dimensions_m: [0.04, 0.04, 0.10], center_m: [0, 0, 0.052]}"
 
 
 def arm(x: float, y: float = 0.0) -> str:
     """A block as heavy as the foot, on top of it."""
-    return f"{{shape: box, dimensions_m: [0.04, 0.04, 0.10], centre_m: [{x}, {y}, 0.15]}}"
+    return f"{{shape: box, dimensions_m: [0.04, 0.04, 0.10], center_m: [{x}, {y}, 0.15]}}"
 
 
 def load(tmp_path, *parts: str, floats: str = "") -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(
-        f"objects: {{a: {{set: novel, colour: [1, 2, 3], {floats}parts: {list(parts)}}}}}".replace(
+        f"objects: {{a: {{set: novel, color: [1, 2, 3], {floats}parts: {list(parts)}}}}}".replace(
             "'", ""
         )
     )
@@ -112,7 +112,7 @@ def load(tmp_path, *parts: str, floats: str = "") -> None:
 @pytest.mark.parametrize(
     ("parts", "why"),
     [
-        # The centre of two equal blocks lies half-way: past the foot's edge at 20 mm from 40 mm on.
+        # The center of two equal blocks lies half-way: past the foot's edge at 20 mm from 40 mm on.
         ((FOOT, arm(0.042)), "topple.* 1.0 mm outside"),
         ((FOOT, arm(0.0, -0.05)), "topple.* 5.0 mm outside"),
         ((HIGH,), "hang 2.0 mm over"),
@@ -134,12 +134,12 @@ def test_what_can_stand_is_read(tmp_path) -> None:
     load(tmp_path, DISC, arm(0.0245, 0.0245))
     load(tmp_path, HIGH, floats="floats_m: [0.2, 0.3], ")
     # Two feet: the middle lies over neither, yet within their hull.
-    left, right = (FOOT[:-1] + f", centre_m: [0, {y}, 0.05]}}" for y in (-0.1, 0.1))
+    left, right = (FOOT[:-1] + f", center_m: [0, {y}, 0.05]}}" for y in (-0.1, 0.1))
     load(tmp_path, left, right)
 
 
 def test_floating_labels() -> None:
-    item = {"x": 0.85, "y": 0.0, "z": 0.0, "yaw": 0.0, "colour": [9, 9, 9]}
+    item = {"x": 0.85, "y": 0.0, "z": 0.0, "yaw": 0.0, "color": [9, 9, 9]}
     spec = {
         "target": {**item, "name": "mug"},
         "obstacles": [

@@ -81,7 +81,7 @@ def scan(kind: str, r: np.random.Generator, s: float) -> tuple[np.ndarray, np.nd
     n = int(r.integers(1, 900))
     size = s * r.choice([3.0, 10.0, 40.0])
     points, origin = r.normal(0, size, (n, 3)), r.normal(0, size, 3)
-    if kind == "lattice":  # corners, edges and centres: every step is a tie
+    if kind == "lattice":  # corners, edges and centers: every step is a tie
         q = s / r.choice([1, 2, 4])
         points, origin = np.round(points / q) * q, np.round(origin / q) * q
     elif kind == "axis":
@@ -95,7 +95,7 @@ def scan(kind: str, r: np.random.Generator, s: float) -> tuple[np.ndarray, np.nd
     elif kind == "misses":
         origin = np.array([30 * s, 0, 0]) + r.normal(0, s, 3)
         points = origin + np.abs(points)
-    elif kind == "surface":  # what a camera sees: neighbours end near one another
+    elif kind == "surface":  # what a camera sees: neighbors end near one another
         origin = np.array([-20.0, 3.0, 15.0]) * s + r.normal(0, s, 3)
         across = r.uniform(-8 * s, 8 * s, (8 * n, 2))
         points = np.stack([across[:, 0], across[:, 1], 2 * s * np.sin(across[:, 0] / s)], 1)
@@ -341,10 +341,10 @@ def test_lattice_lies_above_the_support_and_covers_the_extent(s: float) -> None:
     reach = config.half_width_m
     assert (local.lowest[:2] <= -reach + 1e-9).all() and (top[:2] >= reach - 1e-9).all()
     assert 0.49 - 1e-9 <= top[2] < 0.49 + s
-    # Horizontal borders and vertical centres are multiples of the resolution.
+    # Horizontal borders and vertical centers are multiples of the resolution.
     np.testing.assert_allclose(np.round(local.lowest[:2] / s) * s, local.lowest[:2], atol=1e-12)
-    centre = local.lowest[2] + s / 2
-    np.testing.assert_allclose(np.round(centre / s) * s, centre, atol=1e-12)
+    center = local.lowest[2] + s / 2
+    np.testing.assert_allclose(np.round(center / s) * s, center, atol=1e-12)
     if s == 0.03:
         assert local.shape == (24, 24, 18)
 
@@ -369,10 +369,10 @@ def test_values_state_cells_and_probability_agree() -> None:
     local = build_local_map([(points, origin)], np.eye(4))
     assert local.state.dtype == np.uint8
     for state, value in ((FREE, 0.0), (UNSEEN, 0.5), (OCCUPIED, 1.0)):
-        centres = local.cells(state)
-        assert len(centres) == (local.state == state).sum() > 0
-        assert (local.values_at(centres) == value).all()
-    assert (local.values_at(local.centres) == local.state.ravel() / 2).all()
+        centers = local.cells(state)
+        assert len(centers) == (local.state == state).sum() > 0
+        assert (local.values_at(centers) == value).all()
+    assert (local.values_at(local.centers) == local.state.ravel() / 2).all()
     p = local.probability
     assert (p[~local.known] == 0.5).all()
     np.testing.assert_allclose(np.log(p / (1 - p)), local.log_odds, atol=1e-6)

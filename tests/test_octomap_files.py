@@ -110,21 +110,21 @@ def test_leaves_are_octomaps_leaves_pruned_ones_too() -> None:
         for leaf in reread.begin_leafs()
     )
     edges = cells.spans * cells.resolution_m
-    centres = cells.keys * cells.resolution_m + edges[:, None] / 2
-    ours = sorted((*np.round(c, 6), round(e, 6)) for c, e in zip(centres, edges, strict=True))
+    centers = cells.keys * cells.resolution_m + edges[:, None] / 2
+    ours = sorted((*np.round(c, 6), round(e, 6)) for c, e in zip(centers, edges, strict=True))
     np.testing.assert_allclose(ours, leaves, atol=2e-6)
     assert max(cells.spans) >= 8  # the block is one leaf
 
 
-def test_occupied_cells_are_centres_and_edges_in_the_base_frame() -> None:
+def test_occupied_cells_are_centers_and_edges_in_the_base_frame() -> None:
     tree = octomap.OcTree(0.1)
     tree.updateNode([0.35, -0.25, 0.05], True)
     tree.updateNode([0.55, -0.25, 0.05], False)
-    centres, edges = occupied_cells(tree)
-    np.testing.assert_allclose(centres, [[0.35, -0.25, 0.05]])
+    centers, edges = occupied_cells(tree)
+    np.testing.assert_allclose(centers, [[0.35, -0.25, 0.05]])
     np.testing.assert_allclose(edges, [0.1])
     assert len(occupied_cells(tree, above=0.75)[0]) == 0
-    centres, edges = occupied_cells(tree_of(2).writeBinary())
+    centers, edges = occupied_cells(tree_of(2).writeBinary())
     assert set(np.round(edges / 0.05).astype(int)) >= {1, 8}
 
 
@@ -147,7 +147,7 @@ def test_an_aligned_map_survives_writing_and_reading(tmp_path: Path, suffix: str
             if suffix == ".bt":
                 assert theirs.readBinary(path.read_bytes())
             index = np.argwhere(local.known)[::40]
-            points = local.centres[tuple(index.T)] + local.T_base_map[:3, 3]
+            points = local.centers[tuple(index.T)] + local.T_base_map[:3, 3]
             values, known = found(theirs, points)
             assert known.all() and len(points) > 50
             mine = local.log_odds[tuple(index.T)]
@@ -159,10 +159,10 @@ def test_a_turned_map_is_resampled_by_less_than_a_cell(tmp_path: Path) -> None:
     local = a_map(T)
     write_octomap(tmp_path / "map.ot", local)
     cells = read_octomap(tmp_path / "map.ot")
-    centres, edges = occupied_cells(cells)
-    assert len(centres) > 100 and (edges == 0.03).all()
-    back = (centres - T[:3, 3]) @ T[:3, :3]
-    # Each cell of the file has the value of the local cell that holds its centre.
+    centers, edges = occupied_cells(cells)
+    assert len(centers) > 100 and (edges == 0.03).all()
+    back = (centers - T[:3, 3]) @ T[:3, :3]
+    # Each cell of the file has the value of the local cell that holds its center.
     assert (local.values_at(back) == 1.0).all()
     again = local_map_from_octomap(cells, T)
     assert (again.state == local.state).mean() > 0.75
@@ -185,7 +185,7 @@ def test_an_empty_map_can_be_written_and_read(tmp_path: Path) -> None:
     theirs=st.sampled_from([0.01, 0.05, 0.1]),
     ours=st.sampled_from([0.05, 0.07]),
 )
-def test_local_map_samples_a_tree_at_its_cells_centres(
+def test_local_map_samples_a_tree_at_its_cells_centers(
     seed: int, yaw: float, theirs: float, ours: float
 ) -> None:
     tree = tree_of(seed, theirs, scans=2, n=100)
@@ -193,8 +193,8 @@ def test_local_map_samples_a_tree_at_its_cells_centres(
     config = OccupancyConfig(resolution_m=ours)
     local = local_map_from_octomap(tree, T, config)
     index = np.random.default_rng(seed).integers(0, local.shape, (200, 3))
-    centres = local.centres[tuple(index.T)] @ T[:3, :3].T + T[:3, 3]
-    values, known = found(tree, centres)
+    centers = local.centers[tuple(index.T)] @ T[:3, :3].T + T[:3, 3]
+    values, known = found(tree, centers)
     np.testing.assert_array_equal(local.known[tuple(index.T)], known)
     np.testing.assert_array_equal(local.log_odds[tuple(index.T)], values)
 
@@ -211,7 +211,7 @@ def test_a_file_tells_free_occupied_and_unknown_apart(tmp_path: Path) -> None:
     assert {FREE, UNSEEN, OCCUPIED} == set(np.unique(local.state))
 
 
-def test_colour_trees_and_bodies_without_header_are_read() -> None:
+def test_color_trees_and_bodies_without_header_are_read() -> None:
     tree = octomap.ColorOcTree(0.05)
     tree.updateNode([0.12, 0.12, 0.12], True)
     cells = parse_octomap(tree.write())

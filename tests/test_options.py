@@ -18,9 +18,9 @@ from boxgrasp.simulate import true_box, true_options
 HAND = Gripper()
 
 
-def a_box(yaw_deg: float = 0.0, centre: tuple[float, float, float] = (0.9, 0.1, 0.9)) -> Box:
+def a_box(yaw_deg: float = 0.0, center: tuple[float, float, float] = (0.9, 0.1, 0.9)) -> Box:
     return Box(
-        make_transform(rotation_z(np.deg2rad(yaw_deg)), centre), np.array([0.06, 0.10, 0.21])
+        make_transform(rotation_z(np.deg2rad(yaw_deg)), center), np.array([0.06, 0.10, 0.21])
     )
 
 
@@ -50,7 +50,7 @@ def test_poses_equal_the_truth_of_the_simulator(lines: int, seed: int) -> None:
 
 def test_poses_by_hand() -> None:
     """Box 6 x 10 x 21 cm unturned at the origin: 10 cm off each face, at the thirds' middles."""
-    options = options_of(a_box(centre=(0.0, 0.0, 0.0)), HAND, 3)
+    options = options_of(a_box(center=(0.0, 0.0, 0.0)), HAND, 3)
     positions = {
         1: (0.0, 0.15, -0.07),
         2: (0.0, 0.15, 0.0),
@@ -143,7 +143,7 @@ def test_default_gripper_is_the_thesis_one() -> None:
 def test_standoff_follows_length_and_reach() -> None:
     hand = Gripper(length_m=0.16, reach_past_face_m=0.03)
     assert hand.standoff_m == pytest.approx(0.05)
-    front = options_of(a_box(centre=(0, 0, 0)), hand, 1).T_base_gripper[1]
+    front = options_of(a_box(center=(0, 0, 0)), hand, 1).T_base_gripper[1]
     assert front[0, 3] == pytest.approx(-0.03 - 0.05)
 
 

@@ -97,7 +97,7 @@ def test_works_in_an_empty_environment(wheel: Path, capture: Path, tmp_path: Pat
     assert second.returncode == 0 and second.stderr == "", "the second finds the kernels cached"
     write_pcd(tmp_path / "cloud.pcd")
     cloud = boxgrasp("objects", "cloud.pcd")
-    assert cloud.returncode == 0 and "objects; metres" in cloud.stdout, cloud.stderr
+    assert cloud.returncode == 0 and "objects; meters" in cloud.stdout, cloud.stderr
     demo = boxgrasp("demo", "--picture", "demo.png")
     assert demo.returncode == 0, demo.stderr
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")

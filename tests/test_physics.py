@@ -18,7 +18,7 @@ CAMERA = {"position": [0.1, 0.0, 1.3], "gaze": [0.85, 0.0, 0.85]}
 
 
 def item(name: str, x: float, y: float, z: float = 0.0) -> dict[str, Any]:
-    return {"name": name, "x": x, "y": y, "z": z, "yaw": 0.3, "colour": [9, 9, 9]}
+    return {"name": name, "x": x, "y": y, "z": z, "yaw": 0.3, "color": [9, 9, 9]}
 
 
 def scene_of(*items: dict[str, Any]) -> TableScene:
@@ -26,7 +26,7 @@ def scene_of(*items: dict[str, Any]) -> TableScene:
 
 
 def silhouettes(solids: np.ndarray) -> np.ndarray:
-    """(H, W) bool, pixels with another solid among their eight neighbours."""
+    """(H, W) bool, pixels with another solid among their eight neighbors."""
     wide = np.pad(solids, 1, mode="edge")
     height, width = solids.shape
     shifted = [wide[i : i + height, j : j + width] for i in range(3) for j in range(3)]
@@ -94,7 +94,7 @@ class TestSettles:
 
     @pytest.mark.parametrize("name", [n for n, i in load_objects().items() if i.floats_m is None])
     def test_over_the_edge(self, name: str) -> None:
-        # The table ends at y = 0.60; the mug's handle moves its centre by less than 2 mm.
+        # The table ends at y = 0.60; the mug's handle moves its center by less than 2 mm.
         assert settles(scene_of(item("mug", 0.85, 0.0), item(name, 0.85, 0.595))).stable
         fallen = settles(scene_of(item("mug", 0.85, 0.0), item(name, 0.85, 0.605)))
         assert not fallen.stable and fallen.moved_m > 0.1

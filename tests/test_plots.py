@@ -54,7 +54,7 @@ def marks(group):
     return len(group.findall(f".//{NS}use"))
 
 
-def centre_x(group):
+def center_x(group):
     return float(group.find(f".//{NS}use").get("x"))
 
 
@@ -126,7 +126,7 @@ def test_points_stand_in_the_order_of_their_values_and_missing_ones_not_at_all()
     ours, theirs = groups(svg, "ours-"), groups(svg, "thesis-")
     assert set(ours) == {"ours-0", "ours-1", "ours-3"}
     assert set(theirs) == {"thesis-0", "thesis-1", "thesis-2"}
-    x = {name: centre_x(group) for name, group in (ours | theirs).items()}
+    x = {name: center_x(group) for name, group in (ours | theirs).items()}
     assert x["ours-0"] < x["thesis-1"] < x["thesis-2"] < x["thesis-0"] < x["ours-1"]
     assert x["ours-3"] == pytest.approx(x["thesis-2"])
     assert "nan" not in svg.lower()

@@ -164,7 +164,7 @@ def test_the_true_box_holds_the_target_s_surfaces(rows) -> None:
 
 def test_an_object_file_that_changed_is_another_set(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
-    block = "objects:\n  block:\n    set: known\n    colour: [9, 9, 9]\n    parts:\n"
+    block = "objects:\n  block:\n    set: known\n    color: [9, 9, 9]\n    parts:\n"
     file.write_text(block + "      - {shape: box, dimensions_m: [0.06, 0.06, 0.12]}\n")
     rows = RowConfig(Recipe(("block",), objects=str(file), obstacles=(0, 0)), 1)
     store = Store(tmp_path / "set")

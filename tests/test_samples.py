@@ -40,7 +40,7 @@ def test_grid_as_printed_in_the_thesis_has_other_counts() -> None:
         assert (x**2 + y**2 + z**2 <= 0.09 + 1e-12).sum() == count
 
 
-def test_neighbours_of_the_spiral_are_as_far_as_printed() -> None:
+def test_neighbors_of_the_spiral_are_as_far_as_printed() -> None:
     distance = cKDTree(spiral()).query(spiral(), 2)[0][:, 1]
     assert distance.mean() == pytest.approx(0.0720, abs=5e-5)
     assert distance.min() == pytest.approx(0.0655, abs=5e-5)
@@ -68,24 +68,24 @@ def test_samples_fill_the_half_sphere_once_and_are_read_only(points: np.ndarray)
 
 
 @pytest.mark.parametrize("name", ["grid", "dense"])
-def test_each_grid_sample_is_the_centre_of_its_own_cell(name: str) -> None:
+def test_each_grid_sample_is_the_center_of_its_own_cell(name: str) -> None:
     local = build_local_map([], np.eye(4), OccupancyConfig(resolution_m=RESOLUTION_M[name]))
     points = sampling(name)
     cells, inside = local.keys(points)
     assert inside.all()
     assert len(np.unique(cells, axis=0)) == len(points)
-    np.testing.assert_allclose(local.centres[tuple(cells.T)], points, atol=1e-12)
+    np.testing.assert_allclose(local.centers[tuple(cells.T)], points, atol=1e-12)
 
 
 @settings(deadline=None, derandomize=True)
 @given(s=st.floats(0.01, 0.095))
-def test_grids_of_any_spacing_are_cell_centres(s: float) -> None:
+def test_grids_of_any_spacing_are_cell_centers(s: float) -> None:
     # From 9.6 cm on, the layer at z = 0 would hold the support plane too, and is left out.
     config = OccupancyConfig(resolution_m=s)
     local = build_local_map([], np.eye(4), config)
     cells, inside = local.keys(grid(s))
     assert inside.all()
-    np.testing.assert_allclose(local.centres[tuple(cells.T)], grid(s), atol=1e-9)
+    np.testing.assert_allclose(local.centers[tuple(cells.T)], grid(s), atol=1e-9)
 
 
 @pytest.mark.parametrize("points", [grid(), dense(), spiral()], ids=["grid", "dense", "spiral"])
@@ -127,7 +127,7 @@ def test_values_that_are_no_lengths_are_refused(value: float) -> None:
         lambda: spiral(((value, 5),)),
         lambda: portion(grid(), RIGHT, value),
     ):
-        with pytest.raises(ConfigError, match="valid: a positive number of metres"):
+        with pytest.raises(ConfigError, match="valid: a positive number of meters"):
             call()
 
 

@@ -49,7 +49,7 @@ def test_the_sets_have_the_thesis_s_targets() -> None:
         targets_of("real")
 
 
-def test_every_number_of_a_pose_is_a_tenth_of_a_millimetre() -> None:
+def test_every_number_of_a_pose_is_a_tenth_of_a_millimeter() -> None:
     for number in range(4):
         spec = draw_scenario(ALL, 9, number).scene.spec
         for item in (spec["target"], *spec["obstacles"]):
@@ -69,8 +69,8 @@ def test_a_feasible_scene_has_an_option_that_a_hand_could_take(number: int) -> N
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_the_off_centre_need_is_as_the_thesis_words_it(number: int) -> None:
-    truth = draw_scenario(replace(TIGHT, wish="off-centre"), 2, number).truth
+def test_the_off_center_need_is_as_the_thesis_words_it(number: int) -> None:
+    truth = draw_scenario(replace(TIGHT, wish="off-center"), 2, number).truth
     feasible = {
         (k // 3, k % 3): truth.clearance_m[k]
         for k in range(15)
@@ -130,4 +130,4 @@ def test_a_wrong_recipe_says_what_is_valid(wrong: dict[str, object]) -> None:
 
 def test_what_cannot_be_drawn_is_said() -> None:
     with pytest.raises(SceneError, match="200 draws"):
-        draw_scenario(replace(ALL, obstacles=(0, 0), wish="off-centre"), 1, 0)
+        draw_scenario(replace(ALL, obstacles=(0, 0), wish="off-center"), 1, 0)

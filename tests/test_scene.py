@@ -144,7 +144,7 @@ def test_every_object_is_found_once(segmentation: str, noise: int | None) -> Non
             float(np.linalg.norm(own.mean(axis=0) - eye)), abs=1e-4
         )
         np.testing.assert_allclose(seen_object.size_m, np.ptp(own, axis=0), atol=1e-6)
-        off = [np.hypot(o["x"] - seen_object.centre_m[0], o["y"] - seen_object.centre_m[1])
+        off = [np.hypot(o["x"] - seen_object.center_m[0], o["y"] - seen_object.center_m[1])
                for o in SPREAD]  # fmt: skip
         assert min(off) < 0.05
 
@@ -223,7 +223,7 @@ def wrong_boxes(segmentation: str, seeds: range) -> list[int]:
 
 
 def test_split_has_fewer_wrong_boxes_than_euclidean() -> None:
-    """Tight scenes: Euclidean clusters join the target to a neighbour in a good part of them."""
+    """Tight scenes: Euclidean clusters join the target to a neighbor in a good part of them."""
     seeds = range(5000, 5036)
     split, euclidean = wrong_boxes("split", seeds), wrong_boxes("euclidean", seeds)
     assert len(euclidean) >= 4  # else the scenes show nothing
@@ -249,7 +249,7 @@ def test_workspace_bounds_the_objects_but_not_the_obstacles() -> None:
     box = ((2.0, 0.1, 0.0), (0.0, -0.1, 2.0))  # two opposite corners, whichever
     inside = scene_of(scene, workspace_m=box)
     assert len(inside.objects) == 2  # the cube and the cigarettes
-    assert all(abs(o.centre_m[1]) < 0.1 for o in inside.objects)
+    assert all(abs(o.center_m[1]) < 0.1 for o in inside.objects)
     np.testing.assert_array_equal(inside.points, every.points)
     with pytest.raises(SceneError):
         scene_of(scene, workspace_m=((5.0, 5.0, 5.0), (6.0, 6.0, 6.0)))
@@ -268,7 +268,7 @@ def test_robot_mask_takes_the_arm_out() -> None:
     assert np.linalg.norm(every.points[:, :2] - tube, axis=1).min() < 0.04
 
 
-def test_points_are_three_millimetre_voxels_over_the_plane() -> None:
+def test_points_are_three_millimeter_voxels_over_the_plane() -> None:
     found = scene_of(laid(*SPREAD), 0)
     assert (found.points[:, 2] > TABLE_M + 0.002).all()
     table = transform(invert(found.T_base_table), found.points)

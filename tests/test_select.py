@@ -86,7 +86,7 @@ def test_grasps_are_clear_in_truth(seed: int) -> None:
     truth = option_truth(drawn(seed), found.T_base_gripper[None])
     assert truth.clearance_m[0] > 0.01
     assert truth.support_m[0] > 0
-    assert truth.fits[0] and abs(truth.off_centre_m[0]) < 0.015
+    assert truth.fits[0] and abs(truth.off_center_m[0]) < 0.015
 
 
 def test_an_ask_names_what_came_nearest_and_what_blocks_it() -> None:
@@ -208,7 +208,7 @@ def test_a_cloud_without_a_camera_reports_unseen_space() -> None:
     assert max(o.unseen_m for o in found.options) < 0.05
 
 
-def test_an_organised_cloud_answers_like_its_depth_image() -> None:
+def test_an_organized_cloud_answers_like_its_depth_image() -> None:
     capture = seen(drawn(7), 7)
     points, pixels = capture.valid_points()
     cloud = np.full((480 * 640, 3), np.nan, np.float32)

@@ -91,7 +91,7 @@ def test_schema_is_a_schema_that_names_every_field() -> None:
         for name, told in place["properties"].items():
             assert told.get("description", "").endswith("."), name
             if name.endswith("_m") or name.startswith("T_"):
-                assert "metres" in told["description"], name
+                assert "meters" in told["description"], name
             if name.startswith("T_base"):
                 assert "base frame" in told["description"], name
 

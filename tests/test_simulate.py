@@ -33,7 +33,7 @@ from boxgrasp.simulate import (
 )
 from boxgrasp.simulate.camera import intrinsics_matrix, look_at
 from boxgrasp.simulate.distance import gap
-from boxgrasp.simulate.noise import axial_sigma, colour_noise, edge_pixels
+from boxgrasp.simulate.noise import axial_sigma, color_noise, edge_pixels
 from boxgrasp.simulate.scenes import PALETTE, TARGET_LABEL
 
 K = intrinsics_matrix()
@@ -150,7 +150,7 @@ def test_cast_equals_naive_rays() -> None:
             k = view.solids[v, u]
             assert hits[k] == pytest.approx(nearest, abs=1e-9)
             assert view.labels[v, u] == solids[k].label
-            assert tuple(view.rgb[v, u]) == solids[k].colour
+            assert tuple(view.rgb[v, u]) == solids[k].color
 
 
 def test_rectangles_cut_nothing() -> None:
@@ -171,7 +171,7 @@ def test_rectangles_cut_nothing() -> None:
 
 
 def test_axis_aligned_rays_meet_exact_depths() -> None:
-    # The image's centre ray is parallel to two slabs of the box, and to the cylinder's axis.
+    # The image's center ray is parallel to two slabs of the box, and to the cylinder's axis.
     odd = np.array([[500.0, 0, 100], [0, 500.0, 100], [0, 0, 1]])
     down = make_transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 2.0))
     box = Box(make_transform(np.eye(3), (0, 0, 0.5)), (0.2, 0.2, 0.2))
@@ -196,7 +196,7 @@ def test_depth_is_z_and_nearer_wins() -> None:
     )
 
 
-def test_shading_changes_colours_alone() -> None:
+def test_shading_changes_colors_alone() -> None:
     scene = demo_scene()
     flat, shaded = scene.view(), scene.view(shading=0.5)
     np.testing.assert_array_equal(flat.depth, shaded.depth)
@@ -285,9 +285,9 @@ def test_noise_can_be_switched_off() -> None:
     )
 
 
-def test_colour_noise_has_its_sigma() -> None:
-    grey = np.full((200, 300, 3), 120, np.uint8)
-    noisy = colour_noise(grey, np.random.default_rng(4)).astype(float)
+def test_color_noise_has_its_sigma() -> None:
+    gray = np.full((200, 300, 3), 120, np.uint8)
+    noisy = color_noise(gray, np.random.default_rng(4)).astype(float)
     assert noisy.std() == pytest.approx(4.0, rel=0.03)
     assert noisy.mean() == pytest.approx(120, abs=0.1)
 
@@ -322,13 +322,13 @@ def test_objects_have_the_thesis_dimensions() -> None:
         "objects: [1]",
         "{",
         "objects: {a: 3}",
-        "objects: {a: {set: known, colour: [1, 2, 3], parts: []}}",
-        "objects: {a: {set: odd, colour: [1, 2, 3], parts: [BRICK]}}",
-        "objects: {a: {set: known, colour: [1, 2, 3], part: 1, parts: [BRICK]}}",
-        "objects: {a: {set: known, colour: [1, 2, 999], parts: [BRICK]}}",
-        "objects: {a: {set: known, colour: [1, 2], parts: [BRICK]}}",
-        "objects: {a: {set: known, colour: [1, 2, 3], parts: [{shape: ball, radius_m: 1}]}}",
-        "objects: {a: {set: known, colour: [1, 2, 3], parts: [{shape: cylinder, radius_m: 1}]}}",
+        "objects: {a: {set: known, color: [1, 2, 3], parts: []}}",
+        "objects: {a: {set: odd, color: [1, 2, 3], parts: [BRICK]}}",
+        "objects: {a: {set: known, color: [1, 2, 3], part: 1, parts: [BRICK]}}",
+        "objects: {a: {set: known, color: [1, 2, 999], parts: [BRICK]}}",
+        "objects: {a: {set: known, color: [1, 2], parts: [BRICK]}}",
+        "objects: {a: {set: known, color: [1, 2, 3], parts: [{shape: ball, radius_m: 1}]}}",
+        "objects: {a: {set: known, color: [1, 2, 3], parts: [{shape: cylinder, radius_m: 1}]}}",
     ],
 )
 def test_wrong_object_files_are_refused(tmp_path, text: str) -> None:
@@ -341,7 +341,7 @@ def test_wrong_object_files_are_refused(tmp_path, text: str) -> None:
 def test_own_objects_can_be_drawn(tmp_path) -> None:
     path = tmp_path / "mine.yaml"
     part = "{shape: cylinder, radius_m: 0.05, height_m: 0.2}"
-    path.write_text(f"objects: {{tin: {{set: novel, colour: [9, 9, 9], parts: [{part}]}}}}")
+    path.write_text(f"objects: {{tin: {{set: novel, color: [9, 9, 9], parts: [{part}]}}}}")
     scene = draw_scene(np.random.default_rng(0), obstacles=2, objects=load_objects(path))
     assert set(scene.names.values()) == {"floor", "table", "tin"}
 
@@ -352,8 +352,8 @@ def test_scenes_keep_their_promises() -> None:
     for _ in range(40):
         scene = draw_scene(rng)
         counts.append(len(scene.obstacle_labels))
-        centre = scene.target[0].T_base_solid[:3, 3]
-        assert np.abs(centre[:2] - (0.85, 0)).max() <= 0.0201
+        center = scene.target[0].T_base_solid[:3, 3]
+        assert np.abs(center[:2] - (0.85, 0)).max() <= 0.0201
         assert np.array_equal(
             np.round(scene.target[0].T_base_solid[:3, :3]), scene.target[0].T_base_solid[:3, :3]
         )
@@ -364,7 +364,7 @@ def test_scenes_keep_their_promises() -> None:
                 assert min(gap(a, b) for a in one for b in other) > 0.002
         for label, solids in zip(scene.obstacle_labels, objects[1:], strict=True):
             place = solids[0].T_base_solid[:2, 3]
-            assert np.abs(place - centre[:2]).max() <= 0.2501
+            assert np.abs(place - center[:2]).max() <= 0.2501
             low = min(from_lowest(s) for s in solids) - 0.80
             assert 0.1999 <= low <= 0.3001 if "lamp" in scene.names[label] else abs(low) < 1e-9
         assert np.count_nonzero(scene.view().labels == scene.target_label) >= 300
@@ -413,9 +413,9 @@ def test_yaw_modes() -> None:
     assert {item["yaw"] for item in (none.spec["target"], *none.spec["obstacles"])} == {0.0}
 
 
-def test_colours_tell_neighbours_apart() -> None:
+def test_colors_tell_neighbors_apart() -> None:
     scene = draw_scene(np.random.default_rng(9), obstacles=4)
-    paints = [tuple(item["colour"]) for item in (scene.spec["target"], *scene.spec["obstacles"])]
+    paints = [tuple(item["color"]) for item in (scene.spec["target"], *scene.spec["obstacles"])]
     assert len(set(paints)) == 5
     assert set(paints) <= set(PALETTE)
 
@@ -519,12 +519,12 @@ def test_true_options_follow_the_conventions() -> None:
     options = true_options(scene)
     T_box, size = true_box(scene)
     np.testing.assert_allclose(size, (0.04, 0.20, 0.15), atol=1e-12)
-    centre = T_box[:3, 3]
+    center = T_box[:3, 3]
     assert options.label.tolist() == list(range(1, 16))
     for k, (face, line, T) in enumerate(
         zip(options.face, options.line, options.T_base_gripper, strict=True)
     ):
-        rel, (x, y, z) = T[:3, 3] - centre, T[:3, :3].T
+        rel, (x, y, z) = T[:3, 3] - center, T[:3, :3].T
         strip = line - 2
         expected = {
             1: ((0, 0.20, strip * 0.05), (0, -1, 0), (1, 0, 0), 0.04),
@@ -577,10 +577,10 @@ def test_option_truth_numbers() -> None:
             "y": 0.0,
             "z": 0.0,
             "yaw": 0.0,
-            "colour": [9, 9, 9],
+            "color": [9, 9, 9],
         },
         "obstacles": [
-            {"name": "crisps_tube", "x": 0.85, "y": 0.40, "z": 0.0, "yaw": 0.0, "colour": [9, 9, 9]}
+            {"name": "crisps_tube", "x": 0.85, "y": 0.40, "z": 0.0, "yaw": 0.0, "color": [9, 9, 9]}
         ],
         "camera": {"position": [0.1, 0.0, 1.3], "gaze": [0.85, 0.0, 0.85]},
     }
@@ -594,7 +594,7 @@ def test_option_truth_numbers() -> None:
     assert truth.support_m[0] == pytest.approx(0.01 - 0.035)
     assert truth.fits.all()
     np.testing.assert_allclose(truth.width_m, 0.06, atol=1e-9)
-    np.testing.assert_allclose(truth.off_centre_m, 0.0, atol=1e-9)
+    np.testing.assert_allclose(truth.off_center_m, 0.0, atol=1e-9)
     assert not truth.valid[left]
     assert not truth.valid[0]
     assert truth.valid[[5, 8]].all()
@@ -607,7 +607,7 @@ def test_option_truth_numbers() -> None:
     odd = option_truth(scene, turned)
     assert odd.width_m[0] == pytest.approx(0.06 * (np.cos(0.3) + np.sin(0.3)))
     # The cube's middle is 2 cm over line 1 of three.
-    assert odd.off_centre_m[0] == pytest.approx(0.02 * np.sin(0.3) - 0.01 * np.cos(0.3))
+    assert odd.off_center_m[0] == pytest.approx(0.02 * np.sin(0.3) - 0.01 * np.cos(0.3))
 
 
 def test_truth_of_clutter_equals_sampled_surfaces() -> None:

@@ -133,7 +133,7 @@ def test_a_moved_and_quarter_turned_scene_moves_the_grasp(seed: int, quarters: i
 
 
 def test_a_base_frame_far_away() -> None:
-    """A base 200 m off, as in a map frame: float32 keeps 15 micrometres."""
+    """A base 200 m off, as in a map frame: float32 keeps 15 micrometers."""
     M = make_transform(np.eye(3), (180.0, -95.0, 12.0))
     for seed in (0, 1, 3):
         moved = copy_of(view(seed), T_base_camera=M @ np.array(view(seed).T_base_camera))

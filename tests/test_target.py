@@ -167,7 +167,7 @@ def test_a_masks_bleed_on_other_things_falls_off() -> None:
     assert np.ptp(scene.points[own][:, 1]) < 0.09
 
 
-def test_points_and_numbers_of_an_unorganised_cloud() -> None:
+def test_points_and_numbers_of_an_unorganized_cloud() -> None:
     scene = LAID
     points, _ = to_capture(scene, noise=False)[0].valid_points()
     cloud = Capture.from_cloud(points[::2])
@@ -182,7 +182,7 @@ def test_points_and_numbers_of_an_unorganised_cloud() -> None:
         find_target(found, cloud, None)
 
 
-def test_mask_of_an_unorganised_cloud() -> None:
+def test_mask_of_an_unorganized_cloud() -> None:
     capture = view()[0]
     points, pixels = capture.valid_points()
     marked = (LABELS == CAN).reshape(-1)[pixels]

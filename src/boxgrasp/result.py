@@ -18,7 +18,7 @@ JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
 
 @dataclass(frozen=True, eq=False)
 class OptionReport:
-    """One option with the numbers of the check; metres, capped at 0.50.
+    """One option with the numbers of the check; meters, capped at 0.50.
 
     T_base_gripper: (4, 4). rejected: None, or why the option fell out in a few words.
     preference: place in the chooser's order, 1 first.
@@ -40,7 +40,7 @@ class OptionReport:
 
 @dataclass(frozen=True, eq=False)
 class BoxReport:
-    """The target's box: T_base_box (4, 4) at its centre, dimensions_m (3,) along its x, y, z."""
+    """The target's box: T_base_box (4, 4) at its center, dimensions_m (3,) along its x, y, z."""
 
     T_base_box: Floats
     dimensions_m: Floats
@@ -52,7 +52,7 @@ class Selection:
 
     status: `grasp` or `ask`. In an `ask`, face to clearance_m are None, `best_rejected` is the
     label that came nearest to passing and `blocking` says what stands in its way.
-    Transforms are (4, 4) float64, read-only; metres, quaternion x, y, z, w.
+    Transforms are (4, 4) float64, read-only; meters, quaternion x, y, z, w.
     """
 
     status: str

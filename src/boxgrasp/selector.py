@@ -134,7 +134,7 @@ class GraspSelector:
         cells_m: Sequence[float],
     ) -> tuple[dict[float, LocalMap], tuple[Floats, Floats]]:
         """Local maps by cell size, and the occupied cells of a map file that no point explains."""
-        T_base_map = box.T_base_map(self.config.occupancy.centre_above_support_m)
+        T_base_map = box.T_base_map(self.config.occupancy.center_above_support_m)
         sizes = dict.fromkeys((self.config.occupancy.resolution_m, *cells_m))
         configs = {size: replace(self.config.occupancy, resolution_m=size) for size in sizes}
         if octomap is None:
@@ -232,7 +232,7 @@ class GraspSelector:
 
 
 def _two_blocks() -> Capture:
-    """A small view of two blocks that touch, in two colours: it visits every kernel."""
+    """A small view of two blocks that touch, in two colors: it visits every kernel."""
     v, u = np.mgrid[:120, :160]
     rays = np.stack(((u - 80) / 130, (v - 60) / 130, np.ones(u.shape)), axis=-1)
     down = np.array([0.0, 0.6, 0.8])  # the camera looks down by 53 degrees, 0.7 m over the table

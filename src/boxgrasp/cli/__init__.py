@@ -21,7 +21,7 @@ COMMANDS = {
     "show": "draw saved answers again",
     "demo": "cast a cluttered table, select, and write the picture",
     "config": "print the configuration as it is resolved",
-    "simulate": "cast a set of labelled scenarios with their truth",
+    "simulate": "cast a set of labeled scenarios with their truth",
     "train": "train the thesis's eight SVMs on a set",
     "evaluate": "hold every chooser against the truth of a set",
     "reproduce": "do the whole thesis again and write the report",

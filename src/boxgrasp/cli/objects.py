@@ -1,4 +1,4 @@
-"""List what stands on the support plane: number, centre, size, distance, points."""
+"""List what stands on the support plane: number, center, size, distance, points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     from boxgrasp.selector import GraspSelector
 
     selector = GraspSelector(_arguments.resolve_config(args))
-    head = ("object", "centre x", "y", "z", "size x", "y", "z", "distance", "points")
+    head = ("object", "center x", "y", "z", "size x", "y", "z", "distance", "points")
 
     def list_objects(number: int, path: str) -> None:
         capture = _arguments.load_capture(path, args)
@@ -28,14 +28,14 @@ def run(args: argparse.Namespace) -> int:
         rows = [
             (
                 str(item.number),
-                *(f"{value:.3f}" for value in (*item.centre_m, *item.size_m)),
+                *(f"{value:.3f}" for value in (*item.center_m, *item.size_m)),
                 f"{item.distance_m:.3f}",
                 str(item.points),
             )
             for item in objects
         ]
         print(
-            f"{path}: {len(objects)} objects; metres, base frame\n{table(head, rows)}", flush=True
+            f"{path}: {len(objects)} objects; meters, base frame\n{table(head, rows)}", flush=True
         )
         if args.picture:
             from boxgrasp.draw import draw_objects

@@ -1,4 +1,4 @@
-"""Search and train the eight SVMs of the thesis from a labelled SET, and write them as ONNX files.
+"""Search and train the eight SVMs of the thesis from a labeled SET, and write them as ONNX files.
 
 SET is what `boxgrasp simulate` wrote. `boxgrasp select --models OUT --chooser cascade-grid` uses
 them. Extra: pip install 'boxgrasp[train]'.

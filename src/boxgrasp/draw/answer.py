@@ -41,7 +41,7 @@ def draw_selection(
 ) -> Image:
     """The answer drawn into the camera's image, from above (base x up) and from the side.
 
-    Colours are safe for the colour-blind and never the only mark. gripper: the hand that was
+    Colors are safe for the color-blind and never the only mark. gripper: the hand that was
     selected for, the default hand where none is said. Saved where a path is given, too.
 
     Raises:
@@ -107,10 +107,10 @@ class _Answer:
         draw_box(canvas, view, self.box)
         best = self.best
         if best is not None:
-            colour: RGB = GRIPPER if self.grasp else BLOCKED
+            color: RGB = GRIPPER if self.grasp else BLOCKED
             T_pre = self.selection.T_base_pregrasp
             draw_gripper(
-                canvas, view, best.T_base_gripper, T_pre, self.gripper, colour, not self.grasp
+                canvas, view, best.T_base_gripper, T_pre, self.gripper, color, not self.grasp
             )
         if not self.grasp:
             dot_obstacles(canvas, view, self.marks)

@@ -17,7 +17,7 @@ from boxgrasp.sensing.capture import Capture
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-Colours = NDArray[np.uint8]
+Colors = NDArray[np.uint8]
 
 _MOST_POINTS = 400_000
 _FIT_WITHIN_PX = 1.0
@@ -27,42 +27,42 @@ _BEYOND = 0.12  # of the image: room beside it for a gripper that stands out of 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """A capture's points in the base frame: (N, 3) float32, and (N, 3) uint8 colours or None."""
+    """A capture's points in the base frame: (N, 3) float32, and (N, 3) uint8 colors or None."""
 
     points: Points
-    colours: Colours | None
+    colors: Colors | None
 
     def part(self, keep: NDArray[Any]) -> Cloud:
         """The points that a mask or an index keeps."""
-        return Cloud(self.points[keep], None if self.colours is None else self.colours[keep])
+        return Cloud(self.points[keep], None if self.colors is None else self.colors[keep])
 
 
 def base_cloud(capture: Capture, T_base_camera: Floats | None) -> Cloud:
     """The valid points of a capture in the base frame, thinned evenly where there are very many."""
     points, pixels = capture.valid_points()
-    colours = None
+    colors = None
     if capture.rgb is not None:
-        colours = capture.rgb.reshape(-1, 3)[pixels]
+        colors = capture.rgb.reshape(-1, 3)[pixels]
     elif capture.colors is not None and capture.cloud_shape is not None:
-        colours = capture.colors[pixels]
+        colors = capture.colors[pixels]
     elif capture.colors is not None:
         dropped = capture.robot_mask
-        colours = capture.colors if dropped is None else capture.colors[~dropped.reshape(-1)]
-    cloud = Cloud(points, colours).part(slice(None, None, -(-len(points) // _MOST_POINTS)))  # type: ignore[arg-type]
+        colors = capture.colors if dropped is None else capture.colors[~dropped.reshape(-1)]
+    cloud = Cloud(points, colors).part(slice(None, None, -(-len(points) // _MOST_POINTS)))  # type: ignore[arg-type]
     if capture.cloud_frame == "optical" and T_base_camera is not None:
-        cloud = Cloud(transform(T_base_camera, cloud.points), cloud.colours)
+        cloud = Cloud(transform(T_base_camera, cloud.points), cloud.colors)
     return cloud
 
 
-def shades(cloud: Cloud, floor_m: float) -> Colours:
-    """(N, 3) quiet colours: the capture's own, paled, else grey that darkens with the height."""
+def shades(cloud: Cloud, floor_m: float) -> Colors:
+    """(N, 3) quiet colors: the capture's own, paled, else gray that darkens with the height."""
     height = cloud.points[:, 2] - np.float32(floor_m)
-    grey = 205.0 - 120.0 * np.clip(height / 0.30, 0.0, 1.0)
-    if cloud.colours is None:
+    gray = 205.0 - 120.0 * np.clip(height / 0.30, 0.0, 1.0)
+    if cloud.colors is None:
         blue = np.clip(height / 0.30, 0.0, 1.0) * 18.0
-        tint = np.column_stack((grey - blue, grey, grey + blue))
+        tint = np.column_stack((gray - blue, gray, gray + blue))
     else:
-        own = cloud.colours.astype(np.float32)
+        own = cloud.colors.astype(np.float32)
         tint = 0.75 * own + 0.25 * own.mean(axis=1, keepdims=True)
         tint = tint * 0.8 + 50.0
     low = height < 0.012  # the support and what lies under it stay behind
@@ -89,11 +89,11 @@ def painted(
     far_first = np.argsort(-depth[seen], kind="stable")
     cell = cell[far_first]
     nearest = np.full(height * width, np.inf, np.float32)
-    colour = np.zeros((height * width, 3), np.uint8)
+    color = np.zeros((height * width, 3), np.uint8)
     nearest[cell] = depth[seen][far_first]  # the last of equal cells stays: the nearest
-    colour[cell] = shades(cloud.part(seen), floor_m)[far_first]
+    color[cell] = shades(cloud.part(seen), floor_m)[far_first]
     near: Points = nearest.reshape(height, width)
-    tint: Colours = colour.reshape(height, width, 3)
+    tint: Colors = color.reshape(height, width, 3)
     for _ in range(_growth(cell, width)):
         near, tint = _grown(near, tint)
     hit = np.isfinite(near)
@@ -109,8 +109,8 @@ def _growth(cell: NDArray[np.int64], width: int) -> int:
     return int(np.clip(np.ceil(spacing / 2), 1, 5))
 
 
-def _grown(nearest: Points, colour: Colours) -> tuple[Points, Colours]:
-    grown, tint = nearest.copy(), colour.copy()
+def _grown(nearest: Points, color: Colors) -> tuple[Points, Colors]:
+    grown, tint = nearest.copy(), color.copy()
     for here, there in (
         (np.s_[1:, :], np.s_[:-1, :]),
         (np.s_[:-1, :], np.s_[1:, :]),
@@ -119,7 +119,7 @@ def _grown(nearest: Points, colour: Colours) -> tuple[Points, Colours]:
     ):
         closer = nearest[there] < grown[here] - 0.004
         grown[here][closer] = nearest[there][closer]
-        tint[here][closer] = colour[there][closer]
+        tint[here][closer] = color[there][closer]
     return grown, tint
 
 
@@ -208,7 +208,7 @@ def _cut(image: Image, extent: tuple[float, float, float], size: tuple[int, int]
 
 
 def picture_of(capture: Capture) -> Image | None:
-    """The capture's image: colours, slightly greyed so that marks stand out, or shaded depth."""
+    """The capture's image: colors, slightly grayed so that marks stand out, or shaded depth."""
     from PIL import Image as Images
 
     shape = capture.shape
@@ -227,7 +227,7 @@ def picture_of(capture: Capture) -> Image | None:
 
 
 def _shaded(depth: NDArray[np.float32]) -> Image:
-    """Depth as grey, near bright, lit from the left; missing pixels dark blue."""
+    """Depth as gray, near bright, lit from the left; missing pixels dark blue."""
     from PIL import Image as Images
 
     valid = depth > 0
@@ -235,14 +235,14 @@ def _shaded(depth: NDArray[np.float32]) -> Image:
     level = 1.0 - np.clip((depth - near) / max(float(far - near), 1e-3), 0.0, 1.0)
     down, right = np.gradient(depth)
     light = np.clip(0.5 * np.tanh(-(down + right) * 150.0), -0.5, 0.5)
-    grey = np.clip(70.0 + 130.0 * level + 70.0 * light, 20, 235)
-    image = np.repeat(grey[:, :, None], 3, axis=2).astype(np.uint8)
+    gray = np.clip(70.0 + 130.0 * level + 70.0 * light, 20, 235)
+    image = np.repeat(gray[:, :, None], 3, axis=2).astype(np.uint8)
     image[~valid] = NIGHT
     return Images.fromarray(image)
 
 
 def fitted_intrinsics(capture: Capture) -> Floats | None:
-    """The pinhole matrix that an organised cloud's own points tell; None where none fits."""
+    """The pinhole matrix that an organized cloud's own points tell; None where none fits."""
     if capture.cloud_shape is None or capture.points is None:
         return None
     points, pixels = capture.valid_points()

@@ -76,7 +76,7 @@ def wrap(text: str, size: int, width: float, most: int = 99) -> list[str]:
 
 
 class Canvas:
-    """One panel; coordinates are pixels of the panel with pixel centres at integers."""
+    """One panel; coordinates are pixels of the panel with pixel centers at integers."""
 
     def __init__(self, background: Image) -> None:
         from PIL import Image as Images
@@ -93,7 +93,7 @@ class Canvas:
         self,
         a: XY,
         b: XY,
-        colour: RGB,
+        color: RGB,
         width: float = 2.0,
         *,
         halo: RGB | None = None,
@@ -111,29 +111,29 @@ class Canvas:
                 self._draw.line(ends, fill=(*halo, alpha), width=edge)
         for start, end in dashes(*inside, dash):
             ends = [self._fine(start), self._fine(end)]
-            self._draw.line(ends, fill=(*colour, alpha), width=max(1, round(width * _FINE)))
+            self._draw.line(ends, fill=(*color, alpha), width=max(1, round(width * _FINE)))
 
-    def polygon(self, corners: Iterable[XY], colour: RGB, alpha: int) -> None:
+    def polygon(self, corners: Iterable[XY], color: RGB, alpha: int) -> None:
         """A filled polygon."""
         points = [self._fine(corner) for corner in corners]
         if len(points) > 2 and np.abs(np.array(points)).max() < 1e5:
-            self._draw.polygon(points, fill=(*colour, alpha))
+            self._draw.polygon(points, fill=(*color, alpha))
 
-    def dot(self, at: XY, radius: float, colour: RGB, alpha: int = 255) -> None:
+    def dot(self, at: XY, radius: float, color: RGB, alpha: int = 255) -> None:
         """A filled disc."""
-        self._draw.ellipse(self._round(at, radius), fill=(*colour, alpha))
+        self._draw.ellipse(self._round(at, radius), fill=(*color, alpha))
 
-    def ring(self, at: XY, radius: float, colour: RGB, width: float = 3.0) -> None:
+    def ring(self, at: XY, radius: float, color: RGB, width: float = 3.0) -> None:
         """A circle with dark edges, to point at something."""
         self._draw.ellipse(
             self._round(at, radius + 1.5), outline=(*BLACK, 255), width=round((width + 3) * _FINE)
         )
         self._draw.ellipse(
-            self._round(at, radius), outline=(*colour, 255), width=round(width * _FINE)
+            self._round(at, radius), outline=(*color, 255), width=round(width * _FINE)
         )
 
     def arrow(
-        self, a: XY, b: XY, colour: RGB, width: float, *, halo: RGB | None, head: float = 14.0
+        self, a: XY, b: XY, color: RGB, width: float, *, halo: RGB | None, head: float = 14.0
     ) -> None:
         """A line from a to b with a head at b; only the head where they nearly coincide."""
         length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
@@ -142,8 +142,8 @@ class Canvas:
         head = min(head, length)
         dx, dy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
         neck = (b[0] - dx * head, b[1] - dy * head)
-        self.line(a, neck, colour, width, halo=halo)
-        for grow, fill in ((2.5, halo), (0.0, colour)):
+        self.line(a, neck, color, width, halo=halo)
+        for grow, fill in ((2.5, halo), (0.0, color)):
             if fill is None:
                 continue
             half = head * 0.45 + grow
@@ -153,14 +153,14 @@ class Canvas:
             right = (back[0] + dy * half, back[1] - dx * half)
             self.polygon((tip, left, right), fill, 255)
 
-    def mark(self, at: XY, shape: str, colour: RGB, radius: float, style: str = "kept") -> None:
+    def mark(self, at: XY, shape: str, color: RGB, radius: float, style: str = "kept") -> None:
         """A marker. style: `kept` filled, `dropped` hollow, crossed, `wide` hollow with <->."""
         outline = self._outline(at, shape, radius)
         hollow = style != "kept"
         self._draw.polygon(self._outline(at, shape, radius + 2.0), fill=(*BLACK, 255))
-        self._draw.polygon(outline, fill=(*(WHITE if hollow else colour), 255))
+        self._draw.polygon(outline, fill=(*(WHITE if hollow else color), 255))
         if hollow:
-            self._draw.line([*outline, outline[0]], fill=(*colour, 255), width=round(2.4 * _FINE))
+            self._draw.line([*outline, outline[0]], fill=(*color, 255), width=round(2.4 * _FINE))
         reach = radius * 0.52
         x, y = at
         if style == "dropped":
@@ -175,13 +175,13 @@ class Canvas:
                         (end, y), (end - side * reach * 0.5, y + turn * reach * 0.5), BLACK, 1.8
                     )
 
-    def text(self, at: XY, text: str, size: int, colour: RGB, *, halo: RGB | None = None) -> None:
+    def text(self, at: XY, text: str, size: int, color: RGB, *, halo: RGB | None = None) -> None:
         """Text with its upper left corner at a place; moved and cut to stay inside the panel."""
         text = fit(text, size, self.width - 8.0)
         width, height = text_size(text, size)
         x = min(max(at[0], 3.0), max(3.0, self.width - width - 4.0))
         y = min(max(at[1], 3.0), max(3.0, self.height - height - 3.0))
-        self._texts.append(((x, y), text, size, colour, halo))
+        self._texts.append(((x, y), text, size, color, halo))
         self.taken.append((x - 2, y - 1, x + width + 2, y + height + 1))
 
     def label(
@@ -189,7 +189,7 @@ class Canvas:
         near: XY,
         text: str,
         size: int,
-        colour: RGB,
+        color: RGB,
         *,
         halo: RGB | None = None,
         away: float = 12.0,
@@ -209,10 +209,10 @@ class Canvas:
             rect = (x, y, x + width, y + height)
             inside = x >= 3 and y >= 3 and rect[2] <= self.width - 4 and rect[3] <= self.height - 3
             if inside and not any(_overlap(rect, other) for other in self.taken):
-                self.text((x, y), text, size, colour, halo=halo)
+                self.text((x, y), text, size, color, halo=halo)
                 return True
         if must:
-            self.text(places[0], text, size, colour, halo=halo)
+            self.text(places[0], text, size, color, halo=halo)
         return must
 
     def take(self, at: XY, radius: float) -> None:
@@ -225,9 +225,9 @@ class Canvas:
 
         image = self._image.reduce(_FINE)
         draw = ImageDraw.Draw(image)
-        for at, text, size, colour, halo in self._texts:
+        for at, text, size, color, halo in self._texts:
             edge = 0 if halo is None else max(2, size // 7)
-            draw.text(at, text, fill=colour, font=font(size), stroke_width=edge, stroke_fill=halo)
+            draw.text(at, text, fill=color, font=font(size), stroke_width=edge, stroke_fill=halo)
         return image
 
     def _fine(self, at: XY) -> XY:

@@ -30,7 +30,7 @@ _DOTS: Final = 150
 class Obstacle:
     """The obstacle's point (3,) nearest to the hand, the hand's to it, (K, 3) points as near.
 
-    Base frame, metres.
+    Base frame, meters.
     """
 
     distance_m: float

@@ -49,38 +49,38 @@ def draw_gripper(
     T_base_gripper: Floats,
     T_base_pregrasp: Floats | None,
     gripper: Gripper,
-    colour: RGB,
+    color: RGB,
     dashed: bool,
 ) -> None:
     """The hand as the box that was checked, with fingers; its start faint, its way an arrow."""
     dash = (9.0, 6.0) if dashed else None
     size = 2 * gripper.half_m
     if T_base_pregrasp is not None:
-        _edges(canvas, view, corners(T_base_pregrasp, size), colour, 1.4, None, 120, (4.0, 4.0))
+        _edges(canvas, view, corners(T_base_pregrasp, size), color, 1.4, None, 120, (4.0, 4.0))
         for a, b in skeleton(T_base_pregrasp, gripper):
             if (ends := view.segment(a, b)) is not None:
-                canvas.line(*ends, colour, 3.0, alpha=110)
+                canvas.line(*ends, color, 3.0, alpha=110)
     for finger in fingers(T_base_gripper, gripper):
         flat = [view.point(corner) for corner in finger]
         if None not in flat:
-            canvas.polygon(hull([at for at in flat if at is not None]), colour, 120)
-    _edges(canvas, view, corners(T_base_gripper, size), colour, 2.0, WHITE, 255, dash)
+            canvas.polygon(hull([at for at in flat if at is not None]), color, 120)
+    _edges(canvas, view, corners(T_base_gripper, size), color, 2.0, WHITE, 255, dash)
     for a, b in skeleton(T_base_gripper, gripper):
         if (ends := view.segment(a, b)) is not None:
-            canvas.line(*ends, colour, 5.0, halo=WHITE, dash=dash)
+            canvas.line(*ends, color, 5.0, halo=WHITE, dash=dash)
     back = gripper.length_m / 2 + _APPROACH_M
     start = T_base_gripper[:3, 3] - T_base_gripper[:3, 0] * back
     stop = T_base_gripper[:3, 3] - T_base_gripper[:3, 0] * (gripper.length_m / 2 + 0.01)
     ends = view.segment(start, stop)
     if ends is not None:
-        canvas.arrow(*ends, colour, 4.0, halo=WHITE, head=18)
+        canvas.arrow(*ends, color, 4.0, halo=WHITE, head=18)
 
 
 def _edges(
     canvas: Canvas,
     view: View,
     places: Floats,
-    colour: RGB,
+    color: RGB,
     width: float,
     halo: RGB | None,
     alpha: int,
@@ -89,7 +89,7 @@ def _edges(
     for a, b in EDGES:
         ends = view.segment(places[a], places[b])
         if ends is not None:
-            canvas.line(*ends, colour, width, halo=halo, dash=dash, alpha=alpha)
+            canvas.line(*ends, color, width, halo=halo, dash=dash, alpha=alpha)
 
 
 def draw_options(

@@ -74,7 +74,7 @@ def _drawn(capture: Capture, objects: Sequence[SceneObject], T: Floats | None) -
     from PIL import Image as Images
 
     cloud = base_cloud(capture, T)
-    floor_m = min((float(item.centre_m[2] - item.size_m[2] / 2) for item in objects), default=0.0)
+    floor_m = min((float(item.center_m[2] - item.size_m[2] / 2) for item in objects), default=0.0)
     if capture.shape is not None and (T is not None or capture.intrinsics is not None):
         known = T if T is not None else np.eye(4)
         view, image, caption = camera_panel(capture, cloud, known, None, _PANEL, floor_m)
@@ -112,7 +112,7 @@ def number_objects(
                 canvas.line(*ends, WHITE, 1.5, halo=BLACK)
     placed: list[XY] = []
     for item in objects:
-        foot = view.point(item.centre_m) if K is None else _at_pixel(view, K, item.pixel)
+        foot = view.point(item.center_m) if K is None else _at_pixel(view, K, item.pixel)
         if foot is None:
             continue
         at = _apart(foot, placed, canvas)
@@ -152,7 +152,7 @@ def _apart(foot: XY, placed: list[XY], canvas: Canvas) -> XY:
 
 
 def _upright(item: SceneObject) -> Floats:
-    return make_transform(np.eye(3), item.centre_m)
+    return make_transform(np.eye(3), item.center_m)
 
 
 def _list(objects: Sequence[SceneObject], width: int) -> Image:

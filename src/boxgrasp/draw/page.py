@@ -136,11 +136,11 @@ def _stack(image: Image, rows: list[Row], x: int) -> None:
         y += max(part.height for part in _parts(row)) + MARGIN
 
 
-def blank(width: int, height: int, colour: RGB = CARD) -> Canvas:
+def blank(width: int, height: int, color: RGB = CARD) -> Canvas:
     """An empty card."""
     from PIL import Image as Images
 
-    return Canvas(Images.new("RGB", (width, height), colour))
+    return Canvas(Images.new("RGB", (width, height), color))
 
 
 def banner(headline: tuple[str, str], mark: tuple[str, str] | None) -> Image:
@@ -284,10 +284,10 @@ def _legend(width: int, selection: Selection) -> Image:
         (WHITE, None, "box round the target"),
         (OBSTACLE, None, "obstacle nearest to the gripper" if grasp else "what stands in the way"),
     )
-    for k, (colour, dash, word) in enumerate(lines):
+    for k, (color, dash, word) in enumerate(lines):
         y = 20.0 + 28 * k
         canvas.line(
-            (x, y), (x + 34, y), colour, 4.0, halo=INK if colour == WHITE else None, dash=dash
+            (x, y), (x + 34, y), color, 4.0, halo=INK if color == WHITE else None, dash=dash
         )
         canvas.text((x + 44, y - 10), word, 16, INK)
     canvas.text((x, 20.0 + 28 * 3 - 10), "lines on the box: where the fingers close", 16, INK)

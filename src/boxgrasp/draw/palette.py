@@ -1,4 +1,4 @@
-"""Colours and marks that stay apart for the colour-blind (Okabe and Ito 2008): never hue alone."""
+"""Colors and marks that stay apart for the color-blind (Okabe and Ito 2008): never hue alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What makes a plan readable: a grid of 10 cm with its metres, the support, axes, a scale."""
+"""What makes a plan readable: a grid of 10 cm with its meters, the support, axes, a scale."""
 
 from __future__ import annotations
 

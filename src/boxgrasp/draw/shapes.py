@@ -34,7 +34,7 @@ EDGE_FACES: Final = tuple(
 
 
 def corners(T_base_box: Floats, size_m: Floats) -> Floats:
-    """(8, 3) corners of a box at the centre of its frame, base frame."""
+    """(8, 3) corners of a box at the center of its frame, base frame."""
     return np.asarray(transform(T_base_box, _SIGNS * np.asarray(size_m, np.float64) / 2))
 
 

@@ -17,7 +17,7 @@ _NEAR_M = 0.03
 class View:
     """T_view_base (4, 4): x right, y down, z into the panel; fx, fy, cx, cy in panel pixels.
 
-    perspective: a pinhole camera; else parallel, and fx, fy are pixels a metre.
+    perspective: a pinhole camera; else parallel, and fx, fy are pixels a meter.
     """
 
     T_view_base: Floats

@@ -10,7 +10,7 @@ from boxgrasp.grasps.scoring import category
 from boxgrasp.result import OptionReport, Selection
 
 
-def centimetres(value_m: float) -> str:
+def centimeters(value_m: float) -> str:
     """`4.2 cm`, or `50 cm or more` at the cap."""
     return f"{100 * CAP_M:.0f} cm or more" if value_m >= CAP_M else f"{100 * value_m:.1f} cm"
 
@@ -31,7 +31,7 @@ def headline_of(selection: Selection) -> tuple[str, str]:
     """The status in capitals and one sentence."""
     if selection.status == "grasp" and selection.label is not None:
         option = selection.option(selection.label)
-        free = f"{centimetres(option.seen_m)} free ({WORD[category(option.seen_m)]})"
+        free = f"{centimeters(option.seen_m)} free ({WORD[category(option.seen_m)]})"
         return "GRASP", f"{face_name(option.face)} face, line {option.line}: {free}"
     return "ASK A PERSON", selection.reason or "no option passes the check"
 
@@ -85,9 +85,9 @@ def _rejected(
 def _numbers(option: OptionReport, gripper: Gripper) -> list[tuple[str, str]]:
     opens = f"{100 * gripper.opening_m:.1f} cm"
     return [
-        ("Clearance", f"{centimetres(option.seen_m)} to seen obstacles"),
-        ("", f"{centimetres(option.unseen_m)} to unseen space"),
-        ("", f"{centimetres(option.approach_m)} on the way in"),
-        ("", f"{centimetres(option.support_m)} over the support"),
+        ("Clearance", f"{centimeters(option.seen_m)} to seen obstacles"),
+        ("", f"{centimeters(option.unseen_m)} to unseen space"),
+        ("", f"{centimeters(option.approach_m)} on the way in"),
+        ("", f"{centimeters(option.support_m)} over the support"),
         ("Width", f"{100 * option.width_m:.1f} cm between the fingers, which open {opens}"),
     ]

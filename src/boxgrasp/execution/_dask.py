@@ -12,7 +12,7 @@ from boxgrasp.execution._limits import call_in_worker
 
 T = TypeVar("T")
 R = TypeVar("R")
-_FAILED = ("error", "cancelled")
+_FAILED = ("error", "canceled")
 _REACH_S = 10  # for the scheduler
 _WAIT_S = 30  # for its first worker
 _AHEAD = 4  # tasks in flight for each thread of the cluster

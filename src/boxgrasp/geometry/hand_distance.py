@@ -18,27 +18,27 @@ CAP_M = 0.50
 
 
 def uprights(T_base_gripper: Floats, half_m: Floats, swept_back_m: float = 0.0) -> Floats:
-    """(M, 8) upright boxes: centre x, y, cosine, sine, half along, half across, z low, z high.
+    """(M, 8) upright boxes: center x, y, cosine, sine, half along, half across, z low, z high.
 
     `swept_back_m` stretches each box backwards along its approach: the space it passes.
     """
     boxes = np.empty((len(T_base_gripper), 8))
     for k, T in enumerate(T_base_gripper):
         half = np.array(half_m, dtype=np.float64)
-        centre = T[:3, 3] - T[:3, 0] * (swept_back_m / 2)
+        center = T[:3, 3] - T[:3, 0] * (swept_back_m / 2)
         half[0] += swept_back_m / 2
         level = int(np.argmax(np.abs(T[2, :3])))  # the gripper axis that stands upright
         along = T[:3, 1] if level == 0 else T[:3, 0]
         across = 3 - level - (1 if level == 0 else 0)
         boxes[k] = (
-            centre[0],
-            centre[1],
+            center[0],
+            center[1],
             along[0],
             along[1],
             half[1 if level == 0 else 0],
             half[across],
-            centre[2] - half[level],
-            centre[2] + half[level],
+            center[2] - half[level],
+            center[2] + half[level],
         )
     return boxes
 
@@ -47,7 +47,7 @@ def to_columns(boxes: Floats, columns: NDArray[np.float32]) -> tuple[Floats, NDA
     """Distance of each upright box to the nearest column, and which column that is.
 
     columns: (N, 4) float32 base frame x, y, z low, z high; a point is a column of no height.
-    Returns (M,) metres capped at 0.50, 0 inside, and (M,) index (-1 where none is near).
+    Returns (M,) meters capped at 0.50, 0 inside, and (M,) index (-1 where none is near).
     """
     distances = np.full(len(boxes), CAP_M)
     nearest = np.full(len(boxes), -1, dtype=np.int64)
@@ -64,14 +64,14 @@ def to_points(boxes: Floats, points: NDArray[np.float32]) -> tuple[Floats, NDArr
     return to_columns(boxes, np.ascontiguousarray(points[:, (0, 1, 2, 2)]))
 
 
-def to_cells(boxes: Floats, centres: Floats, sizes_m: Floats, yaw_rad: float) -> Floats:
-    """Distance of each upright box to the nearest cube cell; (M,) metres capped, 0 inside.
+def to_cells(boxes: Floats, centers: Floats, sizes_m: Floats, yaw_rad: float) -> Floats:
+    """Distance of each upright box to the nearest cube cell; (M,) meters capped, 0 inside.
 
-    centres: (K, 3) base frame; sizes_m: (K,) edges; yaw_rad: the cells' turn about base z.
+    centers: (K, 3) base frame; sizes_m: (K,) edges; yaw_rad: the cells' turn about base z.
     """
     return cells_to_uprights(
         boxes,
-        np.ascontiguousarray(centres, dtype=np.float64),
+        np.ascontiguousarray(centers, dtype=np.float64),
         np.ascontiguousarray(sizes_m, dtype=np.float64),
         float(np.cos(yaw_rad)),
         float(np.sin(yaw_rad)),

@@ -17,7 +17,7 @@ class Plane:
     offset_m: float
 
     def heights(self, points: Points) -> Points:
-        """(N,) signed heights of (N, 3) points in metres."""
+        """(N,) signed heights of (N, 3) points in meters."""
         return points @ self.normal.astype(np.float32) + np.float32(self.offset_m)
 
     def moved(self, T_a_b: Floats) -> Plane:

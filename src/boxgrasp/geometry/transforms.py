@@ -1,4 +1,4 @@
-"""Rigid transforms. `T_a_b` maps b-coordinates into a; metres, radians (docs/conventions.md)."""
+"""Rigid transforms. `T_a_b` maps b-coordinates into a; meters, radians (docs/conventions.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROTATION_TOLERANCE = 1e-3
 
 
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Floats:
-    """(4, 4) float64 from a (3, 3) rotation and a (3,) translation in metres."""
+    """(4, 4) float64 from a (3, 3) rotation and a (3,) translation in meters."""
     T = np.eye(4)
     T[:3, :3] = rotation
     T[:3, 3] = translation

@@ -26,10 +26,10 @@ TCP_AT_FINGERTIPS: tuple[Row, Row, Row, Row] = (
 
 @dataclass(frozen=True)
 class Gripper:
-    """Gripper box and opening, metres; frame at the box centre, x approach, y finger opening.
+    """Gripper box and opening, meters; frame at the box center, x approach, y finger opening.
 
     The defaults are the thesis's: 12 cm opening, 17 cm width, 22 cm for gripper and attached
-    link (sections 3-1, 3-2). Thickness and the box centred on the pose are ours.
+    link (sections 3-1, 3-2). Thickness and the box centered on the pose are ours.
 
     Raises:
         GripperError: the gripper cannot hold anything, or its sizes contradict each other.
@@ -64,7 +64,7 @@ class Gripper:
 
     @property
     def standoff_m(self) -> float:
-        """From the face to the gripper's centre (0.10 m for the thesis's gripper)."""
+        """From the face to the gripper's center (0.10 m for the thesis's gripper)."""
         return self.length_m / 2 - self.reach_past_face_m
 
     @cached_property

@@ -58,7 +58,7 @@ class _Message:
 class _Bag:
     """An open bag: topics by message type, and how to read and decode.
 
-    `read` takes topics, and the message whose neighbours in time are wanted, or None for all.
+    `read` takes topics, and the message whose neighbors in time are wanted, or None for all.
     """
 
     topics: dict[str, list[str]]
@@ -201,7 +201,7 @@ def _depth(image: Any) -> NDArray[np.float32]:
 
 
 def _compressed_depth(image: Any) -> NDArray[np.float32]:
-    """(H, W) float32 m of a compressedDepth message that holds a PNG of millimetres."""
+    """(H, W) float32 m of a compressedDepth message that holds a PNG of millimeters."""
     told = str(image.format)
     if not told.startswith("16UC1") or "rvl" in told.lower():
         raise CaptureError(f"compressed depth is {told!r:.60}; valid: 16UC1 as PNG")
@@ -244,7 +244,7 @@ def _intrinsics(
 def _rgb(
     bag: _Bag, depth: _Message, size: tuple[int, int], frame_id: str
 ) -> NDArray[np.uint8] | None:
-    """(H, W, 3) uint8 of the colour image of the same frame, size and time, if there is one."""
+    """(H, W, 3) uint8 of the color image of the same frame, size and time, if there is one."""
     best, apart = None, _COLOR_NEAR_S
     for message in bag.read(bag.topics.get(_IMAGE, []), depth):
         if abs(message.stamp - depth.stamp) >= apart:
@@ -261,7 +261,7 @@ def _rgb(
 
 
 def _cloud(message: Any, cloud_frame: CloudFrame) -> Capture:
-    """A capture of a PointCloud2, organised where its height is above 1."""
+    """A capture of a PointCloud2, organized where its height is above 1."""
     width, height = int(message.width), int(message.height)
     point, row = int(message.point_step), int(message.row_step)
     check_points(width * height, row * height, len(message.data))

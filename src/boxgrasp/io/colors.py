@@ -1,4 +1,4 @@
-"""Colours as clouds pack them."""
+"""Colors as clouds pack them."""
 
 from __future__ import annotations
 

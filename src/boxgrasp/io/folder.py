@@ -20,13 +20,13 @@ _CAPTURE_KEYS: Final = ("T_base_camera", "depth_scale", "target_pixel")
 _COLOR_NAMES: Final = ("color.png", "color.jpg", "color.jpeg")
 _DISTORTION: Final = re.compile(r"(?i)k[1-9]|p[1-9]|s[1-4]|tau.*|[dk]|.*(dist|coef).*")
 _MAX_JSON_BYTES: Final = 1 << 20
-_MILLIMETRE: Final = 0.001
+_MILLIMETER: Final = 0.001
 
 
 def load_folder(folder: Path) -> Capture:
     """A capture of depth.png, intrinsics.json, and what else of the format is there.
 
-    `capture.json` may hold T_base_camera, depth_scale (metres a unit) and target_pixel.
+    `capture.json` may hold T_base_camera, depth_scale (meters a unit) and target_pixel.
 
     Raises:
         CaptureError: a file is missing, damaged, or does not fit the others.
@@ -83,7 +83,7 @@ def _read_intrinsics(path: Path) -> tuple[NDArray[np.float64], tuple[int, int]]:
         if _DISTORTION.fullmatch(key) and _any_nonzero(value):
             raise CaptureError(
                 f"{path.name} has lens distortion in {key}; valid: a rectified image "
-                "(undistort depth and colour first, then leave the coefficients out)"
+                "(undistort depth and color first, then leave the coefficients out)"
             )
     fx, fy, cx, cy, width, height = (float(found[key]) for key in _CAMERA_KEYS)
     if not (width.is_integer() and height.is_integer() and width > 0 and height > 0):
@@ -124,9 +124,9 @@ def _read_told(path: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def _depth_scale(told: dict[str, Any]) -> float:
-    scale = told.get("depth_scale", _MILLIMETRE)
+    scale = told.get("depth_scale", _MILLIMETER)
     if not _is_number(scale) or not 1e-6 <= float(scale) <= 0.1:
         raise CaptureError(
-            f"capture.json has depth_scale {scale!r:.40}; valid: metres a unit, as 0.001"
+            f"capture.json has depth_scale {scale!r:.40}; valid: meters a unit, as 0.001"
         )
     return float(scale)

@@ -17,7 +17,7 @@ _DEPTH_MODES: Final = ("I;16", "I;16B", "I;16L", "I")  # by Pillow's version and
 
 
 def read_depth_png(source: Path | IO[bytes], size: tuple[int, int] | None) -> NDArray[np.uint16]:
-    """(H, W) uint16 of a 16-bit grey PNG; `size` is the (width, height) it must have, if known.
+    """(H, W) uint16 of a 16-bit gray PNG; `size` is the (width, height) it must have, if known.
 
     Raises:
         CaptureError: another format or depth of bits, or another size.
@@ -41,7 +41,7 @@ def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def read_mask(source: Path, size: tuple[int, int] | None = None) -> NDArray[np.bool_]:
-    """(H, W) bool of a PNG: True where any colour is above 0; `size` is its (width, height).
+    """(H, W) bool of a PNG: True where any color is above 0; `size` is its (width, height).
 
     Raises:
         CaptureError: another format or size.

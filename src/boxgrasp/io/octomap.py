@@ -78,7 +78,7 @@ def parse_octomap(data: bytes, name: str = "octomap") -> MapCells:
     except (KeyError, ValueError):
         raise MapError(
             f"{name}: header has res {fields.get('res')!r} and size {fields.get('size')!r}; "
-            "valid: a resolution in metres and a number of nodes"
+            "valid: a resolution in meters and a number of nodes"
         ) from None
     cells, nodes = _leaves(data[at:] if size else b"", binary, kind, resolution, name)
     if nodes != size:
@@ -156,7 +156,7 @@ def cells_of(source: Any) -> MapCells:
 def local_map_from_octomap(
     source: Any, T_base_map: ArrayLike, config: OccupancyConfig | None = None
 ) -> LocalMap:
-    """A local map that samples an OctoMap (see `cells_of`), in the base frame, at cell centres.
+    """A local map that samples an OctoMap (see `cells_of`), in the base frame, at cell centers.
 
     Raises:
         MapError: as `cells_of`.
@@ -165,7 +165,7 @@ def local_map_from_octomap(
 
 
 def occupied_cells(source: Any, above: float = 0.66) -> tuple[Floats, Floats]:
-    """(K, 3) centres, base frame, and (K,) edges of the occupied leaves of an OctoMap, metres.
+    """(K, 3) centers, base frame, and (K,) edges of the occupied leaves of an OctoMap, meters.
 
     Raises:
         MapError: as `cells_of`.
@@ -178,7 +178,7 @@ def write_octomap(path: str | os.PathLike[str], local_map: LocalMap) -> None:
 
     An OctoMap's cells lie on multiples of the resolution and its axes are the base frame's. Where
     the map's cells do too, they are written as they are. Elsewhere the map is resampled: each cell
-    of the file takes the value of the local cell in which its centre lies. In a .bt cells with p
+    of the file takes the value of the local cell in which its center lies. In a .bt cells with p
     of 0.5 and more are occupied, as OctoMap does.
 
     Raises:
@@ -212,18 +212,18 @@ def _tree(local_map: LocalMap) -> Any:
     if low.min() < -TREE_HALF or high.max() > TREE_HALF:
         raise MapError(f"local map lies {np.abs(corners).max():.0f} m away; valid: within OctoMap")
     index = np.moveaxis(np.indices(tuple(high - low)), 0, -1).reshape(-1, 3) + low
-    centres = (index + 0.5) * s
+    centers = (index + 0.5) * s
     T_map_base = invert(T)
-    cells, inside = local_map.keys(centres @ T_map_base[:3, :3].T + T_map_base[:3, 3])
+    cells, inside = local_map.keys(centers @ T_map_base[:3, :3].T + T_map_base[:3, 3])
     at = cells[inside].T
     kept = local_map.known[at[0], at[1], at[2]]
     values = local_map.log_odds[at[0], at[1], at[2]][kept]
-    centres = centres[inside][kept]
+    centers = centers[inside][kept]
     tree = octomap.OcTree(s)
     # Values are written as they are, so the tree's own clamping must not touch them.
     tree.setClampingThresMin(1e-12)
     tree.setClampingThresMax(1 - 1e-12)
     for value in np.unique(values):
-        tree.updateNodes(centres[values == value], float(value), True)
+        tree.updateNodes(centers[values == value], float(value), True)
     tree.updateInnerOccupancy()
     return tree

@@ -47,9 +47,9 @@ def load_pcd(path: Path, cloud_frame: CloudFrame) -> Capture:
     )
     colors = unpack_rgb(packed) if packed is not None else None
     width, height = int(header["WIDTH"][0]), int(header["HEIGHT"][0])
-    organised = (height, width, 3) if height > 1 else (count, 3)
+    organized = (height, width, 3) if height > 1 else (count, 3)
     return Capture.from_cloud(
-        xyz.reshape(organised),
+        xyz.reshape(organized),
         cloud_frame=cloud_frame if T_base_camera is None else "base",
         colors=colors,
         T_base_camera=T_base_camera,

@@ -1,4 +1,4 @@
-"""PLY clouds: the vertices' x, y, z and colours.
+"""PLY clouds: the vertices' x, y, z and colors.
 
 Read here with numpy: plyfile is GPL, and trimesh takes 5 GB for ten million points as text.
 """
@@ -112,7 +112,7 @@ def _find_vertex(elements: list[_Element]) -> tuple[list[_Element], _Element]:
         raise CaptureError(f"PLY vertices have {' '.join(names)!r:.60}; valid: x y z, once each")
     kinds = dict(vertex.properties)
     if any(kinds[axis][0] != "f" for axis in "xyz"):
-        raise CaptureError("PLY vertices are whole numbers; valid: float metres")
+        raise CaptureError("PLY vertices are whole numbers; valid: float meters")
     return before, vertex
 
 
@@ -138,7 +138,7 @@ def _read_ascii(
         for _ in range(element.count):
             stream.readline()
     columns = [names.index(name) for name in wanted]
-    # float32 holds coordinates and colours alike, in half the memory
+    # float32 holds coordinates and colors alike, in half the memory
     values = np.loadtxt(
         stream, np.float32, comments=None, usecols=columns, max_rows=vertex.count, ndmin=2
     )

@@ -1,4 +1,4 @@
-"""Points in cells: voxel centroids, Euclidean clusters by the exact rule, neighbour distances."""
+"""Points in cells: voxel centroids, Euclidean clusters by the exact rule, neighbor distances."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _root(parent: NDArray[np.int64], k: int) -> int:
 def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
     """(N,) cluster of each point: points nearer than the radius share one, exactly.
 
-    Cells of radius / sqrt(3) lie within one cluster each; neighbouring cells join when one pair
+    Cells of radius / sqrt(3) lie within one cluster each; neighboring cells join when one pair
     of their points does. Clusters are numbered in the order in which their first point comes.
     """
     member, keys, table, value = group_by_cell(points, radius_m / np.sqrt(3.0))
@@ -153,7 +153,7 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
 
 
 @jit
-def neighbour_means(
+def neighbor_means(
     points: Points,
     keys: NDArray[np.int64],
     table: NDArray[np.int64],
@@ -171,17 +171,17 @@ def neighbour_means(
 ) -> None:
     """Fill the means of the points in every step-th cell of [first, last).
 
-    around: (27, 3) a cell and its neighbours, nearest first; their edge is the reach. best: room
-    for (points of one cell, neighbours). A point all of whose neighbours are nearer than its own
+    around: (27, 3) a cell and its neighbors, nearest first; their edge is the reach. best: room
+    for (points of one cell, neighbors). A point all of whose neighbors are nearer than its own
     `enough` (N,) is not measured further; its mean is noted as 0.
     """
     far = np.float32(reach_m * reach_m)
-    neighbours = best.shape[1]
+    neighbors = best.shape[1]
     for a in range(first, last, step):
         base = start[a]
         pending = start[a + 1] - base
         for p in range(pending):
-            for k in range(neighbours):
+            for k in range(neighbors):
                 best[p, k] = far
         for cell in range(around.shape[0]):
             shift = (around[cell, 0] << 42) + (around[cell, 1] << 21) + around[cell, 2]
@@ -192,7 +192,7 @@ def neighbour_means(
             for p in range(start[a + 1] - base):
                 i = order[base + p]
                 near_enough = enough[i] * enough[i]
-                if best[p, neighbours - 1] < near_enough:
+                if best[p, neighbors - 1] < near_enough:
                     continue
                 for q in range(start[b], start[b + 1]):
                     j = order[q]
@@ -202,23 +202,23 @@ def neighbour_means(
                     y = points[i, 1] - points[j, 1]
                     z = points[i, 2] - points[j, 2]
                     d = x * x + y * y + z * z
-                    if d < best[p, neighbours - 1]:
-                        k = neighbours - 1
+                    if d < best[p, neighbors - 1]:
+                        k = neighbors - 1
                         while k > 0 and best[p, k - 1] > d:
                             best[p, k] = best[p, k - 1]
                             k -= 1
                         best[p, k] = d
-                if best[p, neighbours - 1] < near_enough:
+                if best[p, neighbors - 1] < near_enough:
                     pending -= 1
             if pending == 0:
                 break
         for p in range(start[a + 1] - base):
             i = order[base + p]
             total = 0.0
-            if best[p, neighbours - 1] >= enough[i] * enough[i]:
-                for k in range(neighbours):
+            if best[p, neighbors - 1] >= enough[i] * enough[i]:
+                for k in range(neighbors):
                     total += np.sqrt(float(best[p, k]))
-            means[i] = total / neighbours
+            means[i] = total / neighbors
 
 
 _AROUND = np.array(
@@ -226,27 +226,27 @@ _AROUND = np.array(
 )
 
 
-class Neighbours:
-    """Points in cells of one reach, to measure mean distances to their nearest neighbours."""
+class Neighbors:
+    """Points in cells of one reach, to measure mean distances to their nearest neighbors."""
 
-    def __init__(self, points: Points, neighbours: int, reach_m: float) -> None:
+    def __init__(self, points: Points, neighbors: int, reach_m: float) -> None:
         member, self._keys, self._table, self._value = group_by_cell(points, reach_m)
         self._order, self._start = bucket(member, self._keys.shape[0])
-        self._points, self._neighbours, self._reach_m = points, neighbours, reach_m
+        self._points, self._neighbors, self._reach_m = points, neighbors, reach_m
         self._fullest = int(np.diff(self._start).max(initial=1))
 
     def means(self, enough_m: Points, cell_step: int = 1) -> Points:
-        """(N,) mean distance to the nearest neighbours; those beyond reach count as reach.
+        """(N,) mean distance to the nearest neighbors; those beyond reach count as reach.
 
-        enough_m: (N,) where a point's neighbours are all nearer than this, 0 comes out. Of the
+        enough_m: (N,) where a point's neighbors are all nearer than this, 0 comes out. Of the
         cells only every `cell_step`-th is measured; NaN elsewhere.
         """
         means = np.full(len(self._points), np.nan, dtype=np.float32)
 
         def work(first: int, last: int) -> None:
             first += -first % cell_step
-            best = np.empty((self._fullest, self._neighbours), dtype=np.float32)
-            neighbour_means(
+            best = np.empty((self._fullest, self._neighbors), dtype=np.float32)
+            neighbor_means(
                 self._points, self._keys, self._table, self._value, self._order, self._start,
                 _AROUND, self._reach_m, enough_m, best, means, first, last, cell_step,
             )  # fmt: skip
@@ -255,7 +255,7 @@ class Neighbours:
         return means
 
 
-def mean_neighbour_distance(points: Points, neighbours: int, reach_m: float) -> Points:
-    """(N,) mean distance of each point to its nearest neighbours, none left out."""
+def mean_neighbor_distance(points: Points, neighbors: int, reach_m: float) -> Points:
+    """(N,) mean distance of each point to its nearest neighbors, none left out."""
     exact = np.zeros(len(points), dtype=np.float32)
-    return Neighbours(points, neighbours, reach_m).means(exact)
+    return Neighbors(points, neighbors, reach_m).means(exact)

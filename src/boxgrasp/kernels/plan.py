@@ -1,4 +1,4 @@
-"""A cluster seen from above: top heights, patches of even height or colour, their borders."""
+"""A cluster seen from above: top heights, patches of even height or color, their borders."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def plan_grid(
 def smooth_cells(
     top: Points, tint: Points, step_m: float, tint_step: float, most: int
 ) -> NDArray[np.bool_]:
-    """(nx, ny) cells of which all but `most` neighbours are there and no step away."""
+    """(nx, ny) cells of which all but `most` neighbors are there and no step away."""
     nx, ny = top.shape
     smooth = np.zeros((nx, ny), dtype=np.bool_)
     for x in range(1, nx - 1):
@@ -76,7 +76,7 @@ def smooth_cells(
 def patches(
     inside: NDArray[np.bool_], top: Points, tint: Points, step_m: float, tint_step: float
 ) -> NDArray[np.int64]:
-    """(nx, ny) patch of each inside cell, -1 else: neighbours join unless height or tint steps."""
+    """(nx, ny) patch of each inside cell, -1 else: neighbors join unless height or tint steps."""
     nx, ny = inside.shape
     label = np.full((nx, ny), -1, dtype=np.int64)
     stack = np.empty((nx * ny, 2), dtype=np.int64)
@@ -157,7 +157,7 @@ def filled(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 @jit
 def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(nx, ny) steps (8-neighbour) from each inside cell to the outside; 0 outside."""
+    """(nx, ny) steps (8-neighbor) from each inside cell to the outside; 0 outside."""
     nx, ny = inside.shape
     far = nx + ny
     steps = np.zeros((nx, ny), dtype=np.int64)

@@ -111,7 +111,7 @@ def paint(
     rotations: Array,
     origins: Array,
     sizes: Array,
-    colours: Array,
+    colors: Array,
     labels: Array,
     light: Array,
     shading: float,
@@ -124,10 +124,10 @@ def paint(
     rgb_out: Array,
     label_out: Array,
 ) -> None:
-    """Depth (float32, 0 for nothing), colour and label of each pixel that `raycast` has met.
+    """Depth (float32, 0 for nothing), color and label of each pixel that `raycast` has met.
 
-    colours (P + 1, 3) uint8 and labels (P + 1,) int32 end with what nothing looks like; light (3,)
-    unit vector towards the light, camera frame; shading 0 leaves the colours flat.
+    colors (P + 1, 3) uint8 and labels (P + 1,) int32 end with what nothing looks like; light (3,)
+    unit vector towards the light, camera frame; shading 0 leaves the colors flat.
     """
     normal = np.zeros(3)
     here = np.zeros(3)
@@ -163,4 +163,4 @@ def paint(
                     )
                 factor = 1.0 - shading * (1.0 - min(max(lit, 0.0), 1.0))
             for k in range(3):
-                rgb_out[v, u, k] = np.uint8(colours[p, k] * factor + 0.5)
+                rgb_out[v, u, k] = np.uint8(colors[p, k] * factor + 0.5)

@@ -79,7 +79,7 @@ def _apart(
 
 @jit
 def cells_to_uprights(
-    boxes: Floats, centres: Floats, sizes: Floats, c2: float, s2: float, cap_m: float
+    boxes: Floats, centers: Floats, sizes: Floats, c2: float, s2: float, cap_m: float
 ) -> Floats:
     """(M,) distances to the nearest of (K,) cube cells turned by (c2, s2) about z."""
     count = boxes.shape[0]
@@ -94,12 +94,12 @@ def cells_to_uprights(
             b = across if k % 2 == 0 else -across
             first[k, 0] = cx + a * c - b * s
             first[k, 1] = cy + a * s + b * c
-        for i in range(centres.shape[0]):
+        for i in range(centers.shape[0]):
             half = sizes[i] / 2
-            w = max(centres[i, 2] - half - high, low - centres[i, 2] - half, 0.0)
+            w = max(centers[i, 2] - half - high, low - centers[i, 2] - half, 0.0)
             if w >= best[m]:
                 continue
-            x, y = centres[i, 0], centres[i, 1]
+            x, y = centers[i, 0], centers[i, 1]
             dx, dy = x - cx, y - cy
             reach = along + across + 2 * half + best[m]
             if abs(dx) > reach or abs(dy) > reach:
@@ -122,10 +122,10 @@ def cells_to_uprights(
 
 
 @jit
-def filled_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) -> Floats:
+def filled_shares(boxes: Floats, centers: Floats, edge_m: float, grow_m: float) -> Floats:
     """(M,) share of each upright box, grown on every side, that the cubes fill, 0 to 1.
 
-    boxes: (M, 8) of `clearance.uprights`; centres: (K, 3) base frame of cubes of edge_m, whose
+    boxes: (M, 8) of `clearance.uprights`; centers: (K, 3) base frame of cubes of edge_m, whose
     sides are along the boxes' own, as those of the local map are.
     """
     shares = np.zeros(boxes.shape[0])
@@ -135,9 +135,9 @@ def filled_shares(boxes: Floats, centres: Floats, edge_m: float, grow_m: float) 
         along, across = boxes[m, 4] + grow_m, boxes[m, 5] + grow_m
         low, high = boxes[m, 6] - grow_m, boxes[m, 7] + grow_m
         held = 0.0
-        for i in range(centres.shape[0]):
-            dx, dy = centres[i, 0] - boxes[m, 0], centres[i, 1] - boxes[m, 1]
-            u, v, z = dx * c + dy * s, dy * c - dx * s, centres[i, 2]
+        for i in range(centers.shape[0]):
+            dx, dy = centers[i, 0] - boxes[m, 0], centers[i, 1] - boxes[m, 1]
+            u, v, z = dx * c + dy * s, dy * c - dx * s, centers[i, 2]
             a = min(along, u + half) - max(-along, u - half)
             b = min(across, v + half) - max(-across, v - half)
             h = min(high, z + half) - max(low, z - half)

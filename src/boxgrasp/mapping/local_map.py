@@ -42,7 +42,7 @@ class OccupancyConfig:
     free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.33
     half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.36
     height_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.54
-    centre_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
+    center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
     thin: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
 
     def lattice(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
@@ -55,10 +55,10 @@ class OccupancyConfig:
         """
         s = self.resolution_m
         n = max(1, math.ceil(self.half_width_m / s - _LATTICE_SLACK))
-        # Layer k spans (k - 1/2) s to (k + 1/2) s round the half sphere's centre.
-        down = self.centre_above_support_m - _ABOVE_SUPPORT_M
+        # Layer k spans (k - 1/2) s to (k + 1/2) s round the half sphere's center.
+        down = self.center_above_support_m - _ABOVE_SUPPORT_M
         low = math.ceil(0.5 - down / s - _LATTICE_SLACK)
-        up = self.height_m - self.centre_above_support_m
+        up = self.height_m - self.center_above_support_m
         top = max(low, math.ceil(up / s - 0.5 - _LATTICE_SLACK))
         shape = (2 * n, 2 * n, top - low + 1)
         if shape[0] * shape[1] * shape[2] > _MOST_CELLS:
@@ -78,10 +78,10 @@ def log_odds(probability: float) -> np.float32:
 class LocalMap:
     """Cells round the target.
 
-    T_base_map (4, 4): origin at the half sphere's centre, turned with the box. `lowest` (3,): the
-    map-frame corner of cell 0, 0, 0, metres. `log_odds` (nx, ny, nz) float32, 0 where not `known`
+    T_base_map (4, 4): origin at the half sphere's center, turned with the box. `lowest` (3,): the
+    map-frame corner of cell 0, 0, 0, meters. `log_odds` (nx, ny, nz) float32, 0 where not `known`
     (nx, ny, nz) bool. Horizontally cells have their borders on multiples of the resolution, and
-    vertically their centres, so that every sample of a grid of that spacing is a cell's centre.
+    vertically their centers, so that every sample of a grid of that spacing is a cell's center.
     """
 
     T_base_map: Floats
@@ -133,13 +133,13 @@ class LocalMap:
         return np.where(inside, state * np.float32(0.5), np.float32(0.5)).astype(np.float32)
 
     def cells(self, state: int) -> Floats:
-        """(K, 3) centres, map frame, of the cells in `state`, in the order of their index."""
+        """(K, 3) centers, map frame, of the cells in `state`, in the order of their index."""
         found = np.argwhere(self.state == state)
         return np.asarray(self.lowest + (found + 0.5) * self.resolution_m)
 
     @property
-    def centres(self) -> Floats:
-        """(nx, ny, nz, 3) centres of all cells, map frame."""
+    def centers(self) -> Floats:
+        """(nx, ny, nz, 3) centers of all cells, map frame."""
         index = np.moveaxis(np.indices(self.shape), 0, -1)
         return np.asarray(self.lowest + (index + 0.5) * self.resolution_m)
 

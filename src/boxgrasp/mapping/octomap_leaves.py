@@ -55,7 +55,7 @@ class MapCells:
         return np.zeros(len(p), dtype=np.float32), held
 
     def occupied(self, above: float = 0.66) -> tuple[Floats, Floats]:
-        """(K, 3) centres, base frame, and (K,) edges in metres of the leaves with p above that."""
+        """(K, 3) centers, base frame, and (K,) edges in meters of the leaves with p above that."""
         kept = self.log_odds > log_odds(above)
         edges: Floats = self.spans[kept] * np.float64(self.resolution_m)
         return np.asarray(self.keys[kept] * self.resolution_m + 0.5 * edges[:, None]), edges
@@ -77,10 +77,10 @@ def _morton(keys: NDArray[np.int64]) -> NDArray[np.int64]:
 def map_from_octomap(
     cells: MapCells, T_base_map: ArrayLike, config: OccupancyConfig | None = None
 ) -> LocalMap:
-    """A local map that takes at each cell's centre the value of an OctoMap in the base frame.
+    """A local map that takes at each cell's center the value of an OctoMap in the base frame.
 
     Free and unseen come from the file as they are: what it does not know stays unknown. Its
-    resolution may differ; occupied cells smaller than ours may lie between the centres, so an
+    resolution may differ; occupied cells smaller than ours may lie between the centers, so an
     obstacle check takes them from `MapCells.occupied`.
     """
     config = config or OccupancyConfig()
@@ -88,6 +88,6 @@ def map_from_octomap(
     lowest, shape = config.lattice()
     s = config.resolution_m
     index = np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
-    centres = (index + lowest + np.array([0.5, 0.5, 0.0])) * s
-    values, known = cells.log_odds_at(centres @ T[:3, :3].T + T[:3, 3])
+    centers = (index + lowest + np.array([0.5, 0.5, 0.0])) * s
+    values, known = cells.log_odds_at(centers @ T[:3, :3].T + T[:3, 3])
     return local_map_of(values.reshape(shape), known.reshape(shape), T, config)

@@ -171,9 +171,9 @@ def _bundle_side(
     resolution_m: float,
     count: int,
 ) -> int:
-    """Bins along a cube face: a bundle is about half a cell wide at the grid's centre."""
-    centre = (lowest + np.array(shape) / 2) * resolution_m
-    distance = float(np.max(np.abs(centre - origin)))
+    """Bins along a cube face: a bundle is about half a cell wide at the grid's center."""
+    center = (lowest + np.array(shape) / 2) * resolution_m
+    distance = float(np.max(np.abs(center - origin)))
     wanted = 2.0 * distance / (0.45 * resolution_m)
     return int(max(4, min(wanted, 192, math.sqrt(count))))
 

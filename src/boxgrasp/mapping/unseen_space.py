@@ -98,33 +98,33 @@ def columns_under(points: Points, local_map: LocalMap, plane: Plane) -> NDArray[
 
 
 def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
-    """(K, 3) centres, base frame, of cells that may hold something unseen, but the target's own.
+    """(K, 3) centers, base frame, of cells that may hold something unseen, but the target's own.
 
     Those are unseen down to the lowest layer: over a cell seen free nothing can stand.
     """
     grounded = np.logical_and.accumulate(local_map.state != FREE, axis=2)
     found = np.argwhere(grounded & (local_map.state == UNSEEN))
-    centres = local_map.lowest + (found + 0.5) * local_map.resolution_m
-    base = transform(local_map.T_base_map, centres)
+    centers = local_map.lowest + (found + 0.5) * local_map.resolution_m
+    base = transform(local_map.T_base_map, centers)
     own = np.abs(transform(invert(box.T_base_box), base))
     reach = box.dimensions_m / 2 + local_map.resolution_m / 2
     return np.ascontiguousarray(base[np.any(own > reach, axis=1)])
 
 
 def unexplained_cells(
-    centres: Floats, sizes_m: Floats, scene: Scene, box: Box
+    centers: Floats, sizes_m: Floats, scene: Scene, box: Box
 ) -> tuple[Floats, Floats]:
     """Occupied cells of a map (K, 3), (K,), base frame, that neither points nor target explain.
 
     Cells that touch the support plane, reach into the target's box or hold a seen point are left
     out, as are those too far from the box to matter.
     """
-    near = np.all(np.abs(centres - box.T_base_box[:3, 3]) < _FAR_M, axis=1)
-    heights = centres @ scene.plane.normal + scene.plane.offset_m
-    own = np.abs(transform(invert(box.T_base_box), centres)) - box.dimensions_m / 2
+    near = np.all(np.abs(centers - box.T_base_box[:3, 3]) < _FAR_M, axis=1)
+    heights = centers @ scene.plane.normal + scene.plane.offset_m
+    own = np.abs(transform(invert(box.T_base_box), centers)) - box.dimensions_m / 2
     keep = near & (heights > sizes_m / 2) & np.any(own > sizes_m[:, None] / 2, axis=1)
     rows = np.flatnonzero(keep)
     for row in rows.tolist():
         reach = sizes_m[row] / 2 + _SLACK_M
-        keep[row] = not np.any(np.all(np.abs(scene.points - centres[row]) < reach, axis=1))
-    return readonly(centres[keep]), readonly(sizes_m[keep])
+        keep[row] = not np.any(np.all(np.abs(scene.points - centers[row]) < reach, axis=1))
+    return readonly(centers[keep]), readonly(sizes_m[keep])

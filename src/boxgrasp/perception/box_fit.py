@@ -57,12 +57,12 @@ def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig)
     yaw, extent = _turn(footprint, config)
     turn = rotation_z(quarter) @ rotation_z(yaw)
     size = np.maximum(extent[1::2] - extent[::2], _LEAST_M)
-    centre = middle + turn[:2, :2] @ ((extent[1::2] + extent[::2]) / 2)
-    foot = -(plane.normal[:2] @ centre + plane.offset_m) / plane.normal[2]
+    center = middle + turn[:2, :2] @ ((extent[1::2] + extent[::2]) / 2)
+    foot = -(plane.normal[:2] @ center + plane.offset_m) / plane.normal[2]
     top = float(np.partition(points[:, 2], -_cut(points, config) - 1)[-_cut(points, config) - 1])
     height = max(top - foot, _LEAST_M)
     return Box(
-        readonly(make_transform(turn, (centre[0], centre[1], foot + height / 2))),
+        readonly(make_transform(turn, (center[0], center[1], foot + height / 2))),
         readonly(np.array([size[0], size[1], height])),
     )
 

@@ -17,12 +17,12 @@ from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.above import above_plane
-from boxgrasp.kernels.cells import Neighbours, euclidean_clusters, voxel_centroids
+from boxgrasp.kernels.cells import Neighbors, euclidean_clusters, voxel_centroids
 from boxgrasp.perception.segmentation.split import by_label, split_clusters
 from boxgrasp.perception.support_plane import find_support_plane, patch_over, support_frame
 from boxgrasp.sensing.capture import Capture
 
-Metres = Annotated[float, Meta(gt=0.0, le=20.0)]
+Meters = Annotated[float, Meta(gt=0.0, le=20.0)]
 Corner = tuple[float, float, float]
 
 _OBSTACLES_BEYOND_M = 0.6
@@ -46,14 +46,14 @@ class SceneConfig:
     """
 
     near_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.4
-    far_m: Metres = 1.6
+    far_m: Meters = 1.6
     voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
     cluster_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
     segmentation: Literal["split", "euclidean"] = "split"
     lowest_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
     noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
-    highest_m: Metres = 1.0
-    outlier_neighbours: Annotated[int, Meta(ge=1, le=100)] = 5
+    highest_m: Meters = 1.0
+    outlier_neighbors: Annotated[int, Meta(ge=1, le=100)] = 5
     outlier_sigma: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
     least_points: Annotated[int, Meta(ge=1)] = 20
     workspace_m: tuple[Corner, Corner] | None = None
@@ -63,13 +63,13 @@ class SceneConfig:
 class SceneObject:
     """One thing on the support plane.
 
-    number counts from the nearest, from 1; centre_m, size_m (3,) of its visible points along
+    number counts from the nearest, from 1; center_m, size_m (3,) of its visible points along
     the base's axes; distance_m from the camera; points: how many 3 mm voxels; pixel: (u, v) of
     one of its pixels near its middle, None without an image.
     """
 
     number: int
-    centre_m: Floats
+    center_m: Floats
     size_m: Floats
     distance_m: float
     points: int
@@ -78,7 +78,7 @@ class SceneObject:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What stands over the support plane, base frame, metres.
+    """What stands over the support plane, base frame, meters.
 
     points: (K, 3) float32 voxel centroids over the plane; labels: (K,) object number, 0 for what
     is no object; clusters: (K,) which points belong together, objects or not. plane: the support
@@ -144,8 +144,8 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         found = np.vstack((found, _scan_over(scan, place.T_base_table, config)))
     voxels, voxel_of = _voxels(found, config)
     # 3. Clusters, and their parts where things stand closer.
-    colours = _voxel_colours(capture, pixels, above, voxel_of[:first], len(voxels))
-    labels = _clusters(voxels, colours, place.eye_m, config)
+    colors = _voxel_colors(capture, pixels, above, voxel_of[:first], len(voxels))
+    labels = _clusters(voxels, colors, place.eye_m, config)
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     over = patch_over(points, place.T_source_table, _middles(voxels, labels))
     points_base = transform(place.T_base_table, voxels)
@@ -237,7 +237,7 @@ def _voxels(found: Points, config: SceneConfig) -> tuple[Points, NDArray[np.int6
 
 
 def _clusters(
-    voxels: Points, colours: Points | None, eye: Floats | None, config: SceneConfig
+    voxels: Points, colors: Points | None, eye: Floats | None, config: SceneConfig
 ) -> NDArray[np.int64]:
     """(K,) cluster of each voxel, -1 for outliers and specks."""
     keep = _inliers(voxels, eye, config)
@@ -247,7 +247,7 @@ def _clusters(
     sizes = np.bincount(labels + 1, minlength=1)
     labels[sizes[labels + 1] < _SPECK] = -1
     if config.segmentation == "split":
-        return split_clusters(voxels, labels, colours, eye)
+        return split_clusters(voxels, labels, colors, eye)
     return labels
 
 
@@ -311,7 +311,7 @@ def scan_pose(scan: Capture) -> Floats:
 
 
 def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray[np.bool_]:
-    """Statistical trimming: mean neighbour distance within sigma of the usual, at its range.
+    """Statistical trimming: mean neighbor distance within sigma of the usual, at its range.
 
     What is usual is measured in every eighth cell; the others are measured only as far as it
     takes to tell on which side of the limit their points lie.
@@ -320,22 +320,22 @@ def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray
     if eye is not None:  # a farther surface is sampled more thinly: a pixel at 525 px
         off = voxels - eye.astype(np.float32)
         spread = np.maximum(spread, np.sqrt(np.einsum("ij,ij->i", off, off)) / np.float32(525))
-    neighbours = Neighbours(voxels, config.outlier_neighbours, 2.4 * float(np.median(spread)))
-    measured = neighbours.means(np.zeros(len(voxels), dtype=np.float32), cell_step=8)
+    neighbors = Neighbors(voxels, config.outlier_neighbors, 2.4 * float(np.median(spread)))
+    measured = neighbors.means(np.zeros(len(voxels), dtype=np.float32), cell_step=8)
     usual = (measured / spread)[np.isfinite(measured)]
     limit = float(usual.mean(dtype=np.float64) + config.outlier_sigma * usual.std(dtype=np.float64))
     limits = np.float32(max(limit, 1.5 * float(np.median(usual)))) * spread
-    return np.asarray(neighbours.means(limits) <= limits)
+    return np.asarray(neighbors.means(limits) <= limits)
 
 
-def _voxel_colours(
+def _voxel_colors(
     capture: Capture,
     pixels: NDArray[np.int32],
     above: NDArray[np.int32],
     voxel_of: NDArray[np.int64],
     count: int,
 ) -> Points | None:
-    """(K, 3) mean colour of each voxel, NaN where none was seen; None without colours."""
+    """(K, 3) mean color of each voxel, NaN where none was seen; None without colors."""
     flat = capture.rgb.reshape(-1, 3) if capture.rgb is not None else capture.colors
     if flat is None or len(voxel_of) == 0:
         return None
@@ -397,7 +397,7 @@ def _number(
         objects.append(
             SceneObject(
                 number=number,
-                centre_m=readonly((low + high).astype(np.float64) / 2),
+                center_m=readonly((low + high).astype(np.float64) / 2),
                 size_m=readonly((high - low).astype(np.float64)),
                 distance_m=distance,
                 points=len(rows),
@@ -430,7 +430,7 @@ def with_pixels(scene: Scene) -> tuple[SceneObject, ...]:
             pixel = (int(u[first[k]]), int(v[first[k]]))
         found.append(
             SceneObject(
-                item.number, item.centre_m, item.size_m, item.distance_m, item.points, pixel
+                item.number, item.center_m, item.size_m, item.distance_m, item.points, pixel
             )
         )
     return tuple(found)

@@ -137,8 +137,8 @@ def _proposals(sample: Points, up: Floats | None) -> Floats:
         return np.empty((0, 4))
     first = rng.integers(count, size=_PROPOSALS)
     others = rng.integers(count, size=(_PROPOSALS, 30))
-    centres = sample[first].astype(np.float64)
-    offsets = sample[others].astype(np.float64) - centres[:, None]
+    centers = sample[first].astype(np.float64)
+    offsets = sample[others].astype(np.float64) - centers[:, None]
     gap = np.linalg.norm(offsets, axis=2)
     near = (gap > 0.03) & (gap < 0.30)
     rows = np.arange(_PROPOSALS)
@@ -149,9 +149,9 @@ def _proposals(sample: Points, up: Floats | None) -> Floats:
     length = np.linalg.norm(normals, axis=1)
     good = near[rows, third] & (length > 1e-6)
     normals = normals[good] / length[good, None]
-    through = centres[good]
+    through = centers[good]
     if up is not None:
-        level = centres[: _PROPOSALS // 2]
+        level = centers[: _PROPOSALS // 2]
         normals = np.vstack((normals, np.tile(up, (len(level), 1))))
         through = np.vstack((through, level))
     planes = np.column_stack((normals, -np.sum(normals * through, axis=1)))

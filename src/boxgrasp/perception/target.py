@@ -97,9 +97,9 @@ def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
     try:
         place = np.array(point, dtype=np.float64)
     except (TypeError, ValueError):
-        raise TargetError("target point is not numeric; valid: x, y, z in metres") from None
+        raise TargetError("target point is not numeric; valid: x, y, z in meters") from None
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise TargetError("target point is not three finite numbers; valid: x, y, z in metres")
+        raise TargetError("target point is not three finite numbers; valid: x, y, z in meters")
     away = np.linalg.norm(scene.points - place, axis=1)
     away[scene.labels == 0] = np.inf
     nearest = int(np.argmin(away))
@@ -114,7 +114,7 @@ def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
 def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
     """Object number under a pixel; without depth there, under the nearest pixel that has it."""
     if scene.shape is None:
-        raise TargetError("an unorganised cloud has no pixels; valid: a point or object number")
+        raise TargetError("an unorganized cloud has no pixels; valid: a point or object number")
     height, width = scene.shape
     try:
         u, v = (int(k) for k in pixel)

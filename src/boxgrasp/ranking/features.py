@@ -54,7 +54,7 @@ def line_schema(points: Floats, face: int, width: float = PORTION_WIDTH_M) -> Fe
     return FeatureSchema((*names, *DIMENSIONS, f"{kind}_face"))
 
 
-def normalised(dimensions_m: ArrayLike, largest_edge_m: float | None) -> NDArray[np.float32]:
+def normalized(dimensions_m: ArrayLike, largest_edge_m: float | None) -> NDArray[np.float32]:
     """(3,) box dimensions over the largest edge, clipped to 1.
 
     `largest_edge_m` is the training set's, stored in the model. None takes this box's own largest
@@ -66,10 +66,10 @@ def normalised(dimensions_m: ArrayLike, largest_edge_m: float | None) -> NDArray
     """
     d = np.asarray(dimensions_m, dtype=np.float64)
     if d.shape != (3,) or not (np.isfinite(d).all() and (d > 0).all()):
-        raise BoxgraspError(f"box dimensions are {d.tolist()}; valid: three positive metres")
+        raise BoxgraspError(f"box dimensions are {d.tolist()}; valid: three positive meters")
     edge = float(d.max()) if largest_edge_m is None else float(largest_edge_m)
     if not (math.isfinite(edge) and edge > 0):
-        raise ConfigError(f"largest edge is {edge}; valid: a positive number of metres")
+        raise ConfigError(f"largest edge is {edge}; valid: a positive number of meters")
     return np.minimum(d / edge, 1.0).astype(np.float32)
 
 
@@ -77,7 +77,7 @@ def single(
     local_map: LocalMap, dimensions_m: ArrayLike, points: Floats, largest_edge_m: float | None
 ) -> NDArray[np.float32]:
     """(P + 3,) features of the single model, and of the cascade's first: 187 for 184 samples."""
-    return np.concatenate([local_map.values_at(points), normalised(dimensions_m, largest_edge_m)])
+    return np.concatenate([local_map.values_at(points), normalized(dimensions_m, largest_edge_m)])
 
 
 def line(
@@ -94,10 +94,10 @@ def line(
     """
     values = local_map.values_at(portion(points, face, width))
     feature = np.array([FACE_FEATURE[face]], dtype=np.float32)
-    return np.concatenate([values, normalised(dimensions_m, largest_edge_m), feature])
+    return np.concatenate([values, normalized(dimensions_m, largest_edge_m), feature])
 
 
 def _occupancy_names(points: Floats) -> tuple[str, ...]:
-    # Tenths of millimetres; adding 0.0 turns -0.0 into 0.0, so that equal places have equal names.
+    # Tenths of millimeters; adding 0.0 turns -0.0 into 0.0, so that equal places have equal names.
     rounded = np.round(points, 4) + 0.0
     return tuple(f"occupancy_x{x:+.4f}_y{y:+.4f}_z{z:+.4f}" for x, y, z in rounded)

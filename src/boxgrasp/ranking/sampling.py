@@ -1,6 +1,6 @@
 """Where the half sphere over the target is sampled: grid, spiral, dense, and portions per face.
 
-All points are in the half sphere's frame: origin at its centre, turned with the box, z up. Counts
+All points are in the half sphere's frame: origin at its center, turned with the box, z up. Counts
 are those of the thesis (sections 2-2 and 3-2): 184 for both samplings, 2,256 at 3 cm, portions of
 60 and 120 (grid), 57 and 118 (spiral).
 """
@@ -28,13 +28,13 @@ LEFT, FRONT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR = 1, 2, 3, 4, 5
 _TURN = {LEFT: math.pi, FRONT: -math.pi / 2, RIGHT: 0.0, TOP_PARALLEL: -math.pi / 2,
          TOP_PERPENDICULAR: 0.0}  # fmt: skip
 
-_SLACK = 1e-9  # metres: a point on the sphere's surface is inside
+_SLACK = 1e-9  # meters: a point on the sphere's surface is inside
 _MOST_STEPS = 200
 
 
 @cache
 def grid(resolution_m: float = 0.07, radius_m: float = RADIUS_M) -> Floats:
-    """(P, 3) points of a square grid in the half sphere, metres, read-only; z, then y, then x rise.
+    """(P, 3) points of a square grid in the half sphere, meters, read-only; z, then y, then x rise.
 
     x and y are odd multiples of half the spacing, z its multiples from 0 up, so that none lies on
     the border between cells of a local map of that resolution. Thesis algorithm 4, its start moved
@@ -67,7 +67,7 @@ def dense(radius_m: float = RADIUS_M) -> Floats:
 
 @cache
 def spiral(layers: tuple[tuple[float, int], ...] = LAYERS) -> Floats:
-    """(P, 3) points on half spheres, given as (radius in metres, number of points), read-only.
+    """(P, 3) points on half spheres, given as (radius in meters, number of points), read-only.
 
     Each layer is the upper half of a golden spiral of twice the points (thesis algorithms 2 and 3).
     Angles start at 0, not at 1 as printed: then the portions have the thesis's 57 and 118 points.
@@ -138,4 +138,4 @@ def _closed(points: Floats) -> Floats:
 
 def _check_positive(what: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
-        raise ConfigError(f"{what} is {value}; valid: a positive number of metres")
+        raise ConfigError(f"{what} is {value}; valid: a positive number of meters")

@@ -1,6 +1,6 @@
 """One view by a depth camera, validated once, so that no later step meets a NaN or a stray shape.
 
-Depth images and clouds, organised or not. Files are read by `boxgrasp.io.load_capture`.
+Depth images and clouds, organized or not. Files are read by `boxgrasp.io.load_capture`.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ class Capture:
 
     Attributes:
         depth: (H, W) float32, m along the optical axis, 0 missing; None for a cloud.
-        intrinsics: (3, 3) float64, pixels, pixel centres at integers; None for a cloud.
+        intrinsics: (3, 3) float64, pixels, pixel centers at integers; None for a cloud.
         T_base_camera: (4, 4) float64, or None when unknown; the camera frame is optical.
         rgb: (H, W, 3) uint8, or None.
-        mask: (H, W) bool, True on the target; (N,) for an unorganised cloud; or None.
+        mask: (H, W) bool, True on the target; (N,) for an unorganized cloud; or None.
         target_pixel: (u, v) on the target, or None.
         robot_mask: like `mask`, True on the robot's own arm, whose points are dropped; or None.
         points: (N, 3) float32, m, in `cloud_frame`; None for a depth image. Missing points of
-            an organised cloud are NaN; an unorganised cloud has none and is sorted, so that
+            an organized cloud are NaN; an unorganized cloud has none and is sorted, so that
             the order in which it came changes nothing.
         colors: (N, 3) uint8 beside `points`, or None.
         cloud_frame: 'optical' (camera at the origin, z forward) or 'base'.
-        cloud_shape: (H, W) of an organised cloud, or None.
+        cloud_shape: (H, W) of an organized cloud, or None.
         notes: what was found degraded and mended.
 
     Raises:
@@ -99,9 +99,9 @@ class Capture:
         target_pixel: ArrayLike | None = None,
         robot_mask: ArrayLike | None = None,
     ) -> Capture:
-        """Take (N, 3) or organised (H, W, 3) points, m; NaN or (0, 0, 0) is missing.
+        """Take (N, 3) or organized (H, W, 3) points, m; NaN or (0, 0, 0) is missing.
 
-        `colors` and the masks lie beside the points; `target_pixel` needs an organised cloud.
+        `colors` and the masks lie beside the points; `target_pixel` needs an organized cloud.
         Points are in the camera's optical frame, or in the base frame with the camera's place
         given by `T_base_camera`, or unknown.
 
@@ -145,7 +145,7 @@ class Capture:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """(H, W) of the depth image or organised cloud; None without an image."""
+        """(H, W) of the depth image or organized cloud; None without an image."""
         return (
             self.cloud_shape if self.depth is None else (self.depth.shape[0], self.depth.shape[1])
         )

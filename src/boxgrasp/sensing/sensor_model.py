@@ -8,7 +8,7 @@ import numpy as np
 
 from boxgrasp.arrays import Points
 
-# Nguyen, Izadi and Lovell, 3DIMPVT 2012: sigma(z) = 1.2 mm + 1.9 mm (z - 0.4 m)^2, z in metres.
+# Nguyen, Izadi and Lovell, 3DIMPVT 2012: sigma(z) = 1.2 mm + 1.9 mm (z - 0.4 m)^2, z in meters.
 NOISE_FLOOR_M: Final = 0.0012
 NOISE_GROWTH_PER_M: Final = 0.0019
 NOISE_LEAST_AT_M: Final = 0.4

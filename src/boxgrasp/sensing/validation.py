@@ -16,9 +16,9 @@ Bytes = NDArray[np.uint8]
 CloudFrame = Literal["optical", "base"]
 
 CLOUD_FRAMES: Final[tuple[str, ...]] = get_args(CloudFrame)
-FARTHEST_M: Final = 65.535  # what 16 bits of millimetres hold; beyond it no depth camera measures
+FARTHEST_M: Final = 65.535  # what 16 bits of millimeters hold; beyond it no depth camera measures
 _BAD_SHARE: Final = 0.001
-_MILLIMETRES_ABOVE_M: Final = 20.0
+_MILLIMETERS_ABOVE_M: Final = 20.0
 
 
 def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
@@ -33,10 +33,10 @@ def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
 
 def check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
     """(H, W) float32 with 0 for missing, its own copy, and notes."""
-    depth = _array(value, "depth", "(height, width) float metres")
+    depth = _array(value, "depth", "(height, width) float meters")
     if depth.dtype.kind != "f":
         raise CaptureError(
-            f"depth is {depth.dtype}; valid: float metres (divide millimetres by 1000)"
+            f"depth is {depth.dtype}; valid: float meters (divide millimeters by 1000)"
         )
     if depth.ndim != 2 or depth.size == 0:
         raise CaptureError(f"depth has shape {depth.shape}; valid: (height, width)")
@@ -44,24 +44,24 @@ def check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
         depth = np.asarray(depth, np.float32, order="C")
         odd = int(np.count_nonzero(depth < 0))
         clean = np.fmax(depth, np.float32(0))  # a copy; NaN and negatives become 0
-    farthest, millimetres = clean.max(), 0
+    farthest, millimeters = clean.max(), 0
     if farthest == np.inf:
         odd += int(np.count_nonzero(clean == np.inf))
         clean[clean == np.inf] = 0
     measured, beyond = int(np.count_nonzero(clean)), 0
-    if farthest > _MILLIMETRES_ABOVE_M:  # rare, so the passes below cost nothing as a rule
-        millimetres = int(np.count_nonzero(clean > _MILLIMETRES_ABOVE_M))
+    if farthest > _MILLIMETERS_ABOVE_M:  # rare, so the passes below cost nothing as a rule
+        millimeters = int(np.count_nonzero(clean > _MILLIMETERS_ABOVE_M))
         beyond = int(np.count_nonzero(clean > FARTHEST_M))
         clean[clean > FARTHEST_M] = 0
     if odd > _BAD_SHARE * depth.size:
         raise CaptureError(
             f"depth is negative or infinite at {odd} of {depth.size} pixels; "
-            f"valid: metres, with 0 or NaN for missing"
+            f"valid: meters, with 0 or NaN for missing"
         )
-    if 2 * millimetres > measured:
-        raise CaptureError(_looks_like_millimetres("depth"))
+    if 2 * millimeters > measured:
+        raise CaptureError(_looks_like_millimeters("depth"))
     if measured == beyond:
-        raise CaptureError("depth is missing at every pixel; valid: metres, above 0 where measured")
+        raise CaptureError("depth is missing at every pixel; valid: meters, above 0 where measured")
     notes = []
     if odd:
         notes.append(f"{odd} negative or infinite depths of {depth.size} taken as missing")
@@ -70,10 +70,10 @@ def check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
     return clean, tuple(notes)
 
 
-def _looks_like_millimetres(name: str) -> str:
+def _looks_like_millimeters(name: str) -> str:
     return (
-        f"{name} looks like millimetres (median above {_MILLIMETRES_ABOVE_M:g} m); "
-        "valid: metres (divide by 1000)"
+        f"{name} looks like millimeters (median above {_MILLIMETERS_ABOVE_M:g} m); "
+        "valid: meters (divide by 1000)"
     )
 
 
@@ -119,7 +119,7 @@ def check_pose(T: Any) -> Floats | None:
 
 
 def check_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
-    """A copy of uint8 colours of the given image or cloud shape."""
+    """A copy of uint8 colors of the given image or cloud shape."""
     if value is None:
         return None
     colors = _array(value, name, "uint8 red, green, blue")
@@ -154,7 +154,7 @@ def check_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | 
     if pixel.shape != (2,) or pixel.dtype.kind == "b" or not np.isfinite(pixel).all():
         raise CaptureError(f"target_pixel is {pixel.tolist()!r:.80}; valid: (u, v)")
     if shape is None:
-        raise CaptureError("target_pixel is given without an image; valid: with an organised cloud")
+        raise CaptureError("target_pixel is given without an image; valid: with an organized cloud")
     u, v = (round(x) for x in pixel.tolist())
     if not (0 <= u < shape[1] and 0 <= v < shape[0]):
         raise CaptureError(
@@ -166,10 +166,10 @@ def check_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | 
 
 @np.errstate(invalid="ignore", over="ignore")
 def check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
-    """A flat (N, 3) float32 copy, and (H, W) where the cloud is organised."""
-    points = _array(value, "points", "(N, 3) or (H, W, 3) float metres")
+    """A flat (N, 3) float32 copy, and (H, W) where the cloud is organized."""
+    points = _array(value, "points", "(N, 3) or (H, W, 3) float meters")
     if points.dtype.kind != "f":
-        raise CaptureError(f"points are {points.dtype}; valid: float metres")
+        raise CaptureError(f"points are {points.dtype}; valid: float meters")
     if points.ndim not in (2, 3) or points.shape[-1] != 3:
         raise CaptureError(f"points have shape {points.shape}; valid: (N, 3) or (H, W, 3)")
     if points.size == 0:
@@ -198,30 +198,30 @@ def check_cloud(
     if odd > _BAD_SHARE * len(points):
         raise CaptureError(
             f"cloud has {odd} of {len(points)} points infinite or behind the camera; valid: z "
-            "forward, in metres (or cloud frame 'base' for points in a frame with z up)"
+            "forward, in meters (or cloud frame 'base' for points in a frame with z up)"
         )
     valid = int(np.count_nonzero(keep))
     if valid == 0:
-        raise CaptureError("cloud has no valid point; valid: finite metres")
+        raise CaptureError("cloud has no valid point; valid: finite meters")
     notes = []
     if odd:
         notes.append(f"{odd} infinite points or behind the camera, of {len(points)}, dropped")
     if cloud_frame == "optical":
-        far = np.count_nonzero(keep & (z > _MILLIMETRES_ABOVE_M))
+        far = np.count_nonzero(keep & (z > _MILLIMETERS_ABOVE_M))
         keep &= z <= FARTHEST_M
     else:
         kept = points if valid == len(points) else np.take(points, np.flatnonzero(keep), axis=0)
         apart = np.abs(kept - np.median(kept, axis=0))  # base frames may lie far from the scene
-        far = np.count_nonzero(apart.max(axis=1) > _MILLIMETRES_ABOVE_M)
+        far = np.count_nonzero(apart.max(axis=1) > _MILLIMETERS_ABOVE_M)
         if T_base_camera is not None:
             T_camera_base = invert(T_base_camera)
             ahead = kept @ T_camera_base[2, :3].astype(np.float32) > -T_camera_base[2, 3]
             if 2 * np.count_nonzero(ahead) < valid:
                 notes.append("the camera pose given looks away from most of the cloud")
     if 2 * far > valid:
-        raise CaptureError(_looks_like_millimetres("cloud"))
+        raise CaptureError(_looks_like_millimeters("cloud"))
     if not keep.any():
-        raise CaptureError(f"cloud has no point within {FARTHEST_M} m; valid: metres")
+        raise CaptureError(f"cloud has no point within {FARTHEST_M} m; valid: meters")
     return keep, tuple(notes)
 
 

@@ -1,4 +1,4 @@
-"""A pinhole depth camera by ray casting: exact against geometry, pixel centres at integers."""
+"""A pinhole depth camera by ray casting: exact against geometry, pixel centers at integers."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def cast(
 ) -> CastView:
     """The exact view of the primitives; of equal depths the first primitive wins.
 
-    intrinsics (3, 3) px without skew; T_base_camera (4, 4) optical; shading 0 (flat colours) to 1
+    intrinsics (3, 3) px without skew; T_base_camera (4, 4) optical; shading 0 (flat colors) to 1
     (black where the surface turns away), for pictures that read well.
 
     Raises:
@@ -103,7 +103,7 @@ def cast(
         ],
         dtype=np.int64,
     )
-    colours = np.array([*(p.colour for p in primitives), SKY], dtype=np.uint8)
+    colors = np.array([*(p.color for p in primitives), SKY], dtype=np.uint8)
     numbers = np.array([*(p.label for p in primitives), -1], dtype=np.int32)
     exact, index = np.empty(shape), np.empty(shape, dtype=np.int32)
     depth, labels = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.int32)
@@ -113,7 +113,7 @@ def cast(
     def rows(start: int, stop: int) -> None:
         raycast(*solids, rectangles, focal, start, stop, exact, index)
         paint(
-            *solids, colours, numbers, _LIGHT, shading, focal, start, stop,
+            *solids, colors, numbers, _LIGHT, shading, focal, start, stop,
             exact, index, depth, rgb, labels,
         )  # fmt: skip
 

@@ -9,7 +9,7 @@ import numpy as np
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenes import TableScene, build_scene, to_capture
 
-_RED, _BLUE, _GREEN, _YELLOW, _VIOLET, _GREY = (
+_RED, _BLUE, _GREEN, _YELLOW, _VIOLET, _GRAY = (
     [200, 60, 50],
     [60, 120, 200],
     [70, 170, 80],
@@ -20,9 +20,9 @@ _RED, _BLUE, _GREEN, _YELLOW, _VIOLET, _GREY = (
 
 
 def _item(
-    name: str, x: float, y: float, yaw: float, colour: list[int], z: float = 0.0
+    name: str, x: float, y: float, yaw: float, color: list[int], z: float = 0.0
 ) -> dict[str, Any]:
-    return {"name": name, "x": x, "y": y, "z": z, "yaw": yaw, "colour": colour}
+    return {"name": name, "x": x, "y": y, "z": z, "yaw": yaw, "color": color}
 
 
 DEMO_SPEC: dict[str, Any] = {
@@ -32,8 +32,8 @@ DEMO_SPEC: dict[str, Any] = {
         _item("mug", 0.715, 0.155, 2.2, _VIOLET),
         _item("cereal_x", 1.03, -0.12, 0.5, _YELLOW),
         _item("beans_can", 0.86, -0.20, 0.0, _GREEN),
-        _item("cigarettes", 0.66, -0.16, -0.5, _GREY),
-        _item("lamp", 0.88, 0.14, 0.0, _GREY, 0.25),
+        _item("cigarettes", 0.66, -0.16, -0.5, _GRAY),
+        _item("lamp", 0.88, 0.14, 0.0, _GRAY, 0.25),
     ],
     "camera": {"position": [0.12, -0.1, 1.36], "gaze": [0.86, 0.0, 0.87]},
 }
@@ -45,6 +45,6 @@ def demo_scene() -> TableScene:
 
 
 def demo_capture(seed: int = 0, *, noise: bool = True) -> Capture:
-    """The demo's scene as a noisy capture with colours and target pixel; seed: the noise's."""
+    """The demo's scene as a noisy capture with colors and target pixel; seed: the noise's."""
     capture, _ = to_capture(demo_scene(), np.random.default_rng(seed), noise, shading=0.4)
     return capture

@@ -71,12 +71,12 @@ def box_to_solid(T: Array, hb: Array, kind: int, h: Array) -> float:
         best = min(best, point_to_solid(kind, h, corners[i, 0], corners[i, 1], corners[i, 2]))
     if best == 0.0:
         return 0.0
-    # The solid's centre in the box's frame.
-    centre = np.zeros(3)
+    # The solid's center in the box's frame.
+    center = np.zeros(3)
     for k in range(3):
         for j in range(3):
-            centre[k] -= T[j, k] * T[j, 3]
-    if abs(centre[0]) <= hb[0] and abs(centre[1]) <= hb[1] and abs(centre[2]) <= hb[2]:
+            center[k] -= T[j, k] * T[j, 3]
+    if abs(center[0]) <= hb[0] and abs(center[1]) <= hb[1] and abs(center[2]) <= hb[2]:
         return 0.0
     for i in range(8):
         for bit in (1, 2, 4):
@@ -100,7 +100,7 @@ def box_to_solid(T: Array, hb: Array, kind: int, h: Array) -> float:
         for k in range(3):
             for j in range(3):
                 span[k] += T[j, k] * support[j]
-        reach, middle = span[axis], centre[axis]
+        reach, middle = span[axis], center[axis]
         b, c = (axis + 1) % 3, (axis + 2) % 3
         for side in (-1.0, 1.0):
             face = side * hb[axis]
@@ -114,7 +114,7 @@ def box_to_solid(T: Array, hb: Array, kind: int, h: Array) -> float:
                 gap = 0.0
             else:
                 continue
-            if abs(centre[b] + t * span[b]) <= hb[b] and abs(centre[c] + t * span[c]) <= hb[c]:
+            if abs(center[b] + t * span[b]) <= hb[b] and abs(center[c] + t * span[c]) <= hb[c]:
                 best = min(best, gap)
     return best
 
@@ -136,10 +136,10 @@ def clearances(
                         total += T_gripper_base[m, j, k] * T_base_solids[p, k, i]
                     T[i, j] = total
             for j in range(3):
-                centre = T_gripper_base[m, j, 3]
+                center = T_gripper_base[m, j, 3]
                 for k in range(3):
-                    centre += T_gripper_base[m, j, k] * T_base_solids[p, k, 3]
-                T[3, j] = centre
+                    center += T_gripper_base[m, j, k] * T_base_solids[p, k, 3]
+                T[3, j] = center
             for i in range(3):
                 T[i, 3] = -(T[i, 0] * T[3, 0] + T[i, 1] * T[3, 1] + T[i, 2] * T[3, 2])
             out[m] = min(out[m], box_to_solid(T, hb, kinds[p], sizes[p]))

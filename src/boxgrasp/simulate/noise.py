@@ -13,11 +13,11 @@ from boxgrasp.errors import SceneError
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Axial noise sigma = floor + growth (z - 0.4 m)^2 (Nguyen 2012), steps, drop-outs, colour.
+    """Axial noise sigma = floor + growth (z - 0.4 m)^2 (Nguyen 2012), steps, drop-outs, color.
 
     edge_jump_m is taken at 1 m and grows with z^2; a pixel beside a larger jump in depth is
     missing with edge_dropout, any other with dropout, all beyond range_m.
-    colour_sigma in grey levels.
+    color_sigma in gray levels.
     """
 
     sigma_m: float = 0.0012
@@ -27,7 +27,7 @@ class NoiseModel:
     edge_dropout: float = 0.7
     dropout: float = 0.003
     range_m: float = 10.0
-    colour_sigma: float = 4.0
+    color_sigma: float = 4.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -45,7 +45,7 @@ def axial_sigma(depth: NDArray[np.float32], model: NoiseModel | None = None) -> 
 
 
 def edge_pixels(depth: NDArray[np.float32], jump_m: float) -> NDArray[np.bool_]:
-    """(H, W) bool, pixels with a neighbour (of four) across a jump in depth, or without depth."""
+    """(H, W) bool, pixels with a neighbor (of four) across a jump in depth, or without depth."""
     limit = np.float32(jump_m) * np.maximum(depth, np.float32(1.0)) ** 2
     edge = np.zeros(depth.shape, dtype=bool)
     for axis in (0, 1):
@@ -77,12 +77,12 @@ def add_noise(
     return noisy
 
 
-def colour_noise(
+def color_noise(
     rgb: NDArray[np.uint8], rng: np.random.Generator, model: NoiseModel | None = None
 ) -> NDArray[np.uint8]:
-    """A copy of (H, W, 3) colours, each value off by colour_sigma grey levels."""
+    """A copy of (H, W, 3) colors, each value off by color_sigma gray levels."""
     model = NoiseModel() if model is None else model
     # A byte a value picks one of 256 equally likely steps: five times faster than normal draws.
-    steps = [NormalDist().inv_cdf((k + 0.5) / 256) * model.colour_sigma for k in range(256)]
+    steps = [NormalDist().inv_cdf((k + 0.5) / 256) * model.color_sigma for k in range(256)]
     draws = np.rint(steps).astype(np.int16)[rng.integers(0, 256, rgb.shape, dtype=np.uint8)]
     return np.asarray(np.clip(rgb + draws, 0, 255), dtype=np.uint8)

@@ -15,7 +15,7 @@ import numpy as np
 
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import SceneError
-from boxgrasp.simulate.primitives import Box, Colour, Cylinder, upright
+from boxgrasp.simulate.primitives import Box, Color, Cylinder, upright
 
 SHIPPED = ("simulated", "real")
 SETS = ("known", "novel", "real", "obstacle")
@@ -28,8 +28,8 @@ class Part:
 
     shape: str
     size_m: tuple[float, ...]
-    centre_m: tuple[float, float, float]
-    colour: Colour | None
+    center_m: tuple[float, float, float]
+    color: Color | None
 
     @property
     def half_size_m(self) -> Floats:
@@ -51,7 +51,7 @@ class SimulatedObject:
 
     name: str
     set: str
-    colour: Colour
+    color: Color
     parts: tuple[Part, ...]
     floats_m: tuple[float, float] | None = None
 
@@ -63,15 +63,15 @@ class SimulatedObject:
         yaw_rad: float = 0.0,
         *,
         label: int = 0,
-        colour: Colour | None = None,
+        color: Color | None = None,
     ) -> tuple[Box | Cylinder, ...]:
-        """The object's solids with its base's centre at x, y, z m (base frame), turned about z."""
+        """The object's solids with its base's center at x, y, z m (base frame), turned about z."""
         T = upright(x, y, z, yaw_rad)
         solids: list[Box | Cylinder] = []
         for part in self.parts:
-            own = colour if part.colour is None and colour is not None else None
-            paint = own or part.colour or self.colour
-            pose = T @ upright(*part.centre_m)
+            own = color if part.color is None and color is not None else None
+            paint = own or part.color or self.color
+            pose = T @ upright(*part.center_m)
             if part.shape == "box":
                 solids.append(Box(pose, part.size_m, paint, label))  # type: ignore[arg-type]
             else:
@@ -83,7 +83,7 @@ def load_objects(source: str | Path | None = None) -> Mapping[str, SimulatedObje
     """Objects by name, read-only: of a shipped set (`simulated`, the default, or `real`) or a file.
 
     A file is YAML like the shipped ones in `simulate/object_sets/`. What has no `floats_m` must
-    stand: its lowest point on its base, its centre of mass (solids of equal density) over its foot.
+    stand: its lowest point on its base, its center of mass (solids of equal density) over its foot.
 
     Raises:
         SceneError: no such set or file, or an object in it is wrong, hangs or would topple.
@@ -119,7 +119,7 @@ def _parse(text: str, source: str) -> Mapping[str, SimulatedObject]:
 
 def _object(name: str, item: Any, source: str) -> SimulatedObject:
     try:
-        unknown = set(item) - {"set", "colour", "parts", "floats_m"}
+        unknown = set(item) - {"set", "color", "parts", "floats_m"}
         if unknown:
             raise ValueError(f"unknown key {sorted(unknown)[0]}")
         if item["set"] not in SETS:
@@ -133,7 +133,7 @@ def _object(name: str, item: Any, source: str) -> SimulatedObject:
         return SimulatedObject(
             name,
             item["set"],
-            _colour(item["colour"]),
+            _color(item["color"]),
             parts,
             None if floats is None else (float(floats[0]), float(floats[1])),
         )
@@ -142,48 +142,48 @@ def _object(name: str, item: Any, source: str) -> SimulatedObject:
 
 
 def _check_stands(parts: tuple[Part, ...]) -> None:
-    """Whether the lowest parts are on the base's plane and the centre of mass over their hull.
+    """Whether the lowest parts are on the base's plane and the center of mass over their hull.
 
     Parts are of equal density; where two overlap, both count.
 
     Raises:
         ValueError: they are not.
     """
-    centres = np.array([part.centre_m for part in parts])
+    centers = np.array([part.center_m for part in parts])
     halves = np.array([part.half_size_m for part in parts])
-    lowest = centres[:, 2] - halves[:, 2]
+    lowest = centers[:, 2] - halves[:, 2]
     if lowest.min() > _TOUCH_M:
         raise ValueError(f"it would hang {1000 * lowest.min():.1f} mm over its base; give floats_m")
     if lowest.min() < -_TOUCH_M:
         raise ValueError(f"it reaches {-1000 * lowest.min():.1f} mm below its base")
     masses = np.array([part.volume_m3 for part in parts])
-    middle = masses @ centres / masses.sum()
-    # How far the hull reaches from the centre of mass in 720 directions: it is within if all are
+    middle = masses @ centers / masses.sum()
+    # How far the hull reaches from the center of mass in 720 directions: it is within if all are
     # above 0.
     turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     way = np.stack([np.cos(turn), np.sin(turn)])
     reach = [
-        (centre - middle)[:2] @ way
+        (center - middle)[:2] @ way
         + (half[0] if part.shape == "cylinder" else half[:2] @ np.abs(way))
-        for part, centre, half, low in zip(parts, centres, halves, lowest, strict=True)
+        for part, center, half, low in zip(parts, centers, halves, lowest, strict=True)
         if low <= _TOUCH_M
     ]
     margin = float(np.max(reach, axis=0).min())
     if margin <= _TOUCH_M:
         raise ValueError(
-            f"it would topple: its centre of mass is {-1000 * margin:.1f} mm outside its foot"
+            f"it would topple: its center of mass is {-1000 * margin:.1f} mm outside its foot"
         )
 
 
-def _colour(values: Any) -> Colour:
+def _color(values: Any) -> Color:
     r, g, b = (int(value) for value in values)
     if not all(0 <= value <= 255 for value in (r, g, b)):
-        raise ValueError(f"colour {list(values)} is not within 0 to 255")
+        raise ValueError(f"color {list(values)} is not within 0 to 255")
     return (r, g, b)
 
 
 def _part(item: Any) -> Part:
-    unknown = set(item) - {"shape", "dimensions_m", "radius_m", "height_m", "centre_m", "colour"}
+    unknown = set(item) - {"shape", "dimensions_m", "radius_m", "height_m", "center_m", "color"}
     if unknown:
         raise ValueError(f"unknown key {sorted(unknown)[0]}")
     size: tuple[float, ...]
@@ -197,8 +197,8 @@ def _part(item: Any) -> Part:
         raise ValueError(f"shape {item['shape']!r} is not box or cylinder")
     if not all(0.0 < length < np.inf for length in size):
         raise ValueError(f"a length is not above 0 m: {list(size)}")
-    x, y, z = (float(value) for value in item.get("centre_m", (0.0, 0.0, size[-1] / 2)))
+    x, y, z = (float(value) for value in item.get("center_m", (0.0, 0.0, size[-1] / 2)))
     if not np.isfinite((x, y, z)).all():
-        raise ValueError(f"centre_m is not finite: {[x, y, z]}")
-    colour = _colour(item["colour"]) if "colour" in item else None
-    return Part(item["shape"], size, (x, y, z), colour)
+        raise ValueError(f"center_m is not finite: {[x, y, z]}")
+    color = _color(item["color"]) if "color" in item else None
+    return Part(item["shape"], size, (x, y, z), color)

@@ -20,7 +20,7 @@ from boxgrasp.simulate.scenes import TARGET_LABEL, TableScene
 STEP_S = 0.001
 # In 400 drawn scenes of both shipped sets what stands sinks 0.016 mm into its support and turns by
 # 0.04 mrad; a can that still holds 1 mm from the table's edge moves 0.12 mm and 1 mrad; what falls
-# does so by centimetres. What is set down 1 mm too high counts as hanging.
+# does so by centimeters. What is set down 1 mm too high counts as hanging.
 STILL_M = 0.001
 STILL_RAD = 0.01
 _CUTOFF_M = 1e6  # farther surfaces are not seen

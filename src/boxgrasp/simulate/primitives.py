@@ -1,4 +1,4 @@
-"""The solids that a simulated scene is made of, each with a colour and its object's number."""
+"""The solids that a simulated scene is made of, each with a color and its object's number."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import check_transform, make_transform, rotation_z
 
-Colour = tuple[int, int, int]
+Color = tuple[int, int, int]
 
 
 def _positive(**lengths: float) -> None:
@@ -21,7 +21,7 @@ def _positive(**lengths: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A solid box; T_base_box at its centre, dimensions_m (3,) full lengths along its axes.
+    """A solid box; T_base_box at its center, dimensions_m (3,) full lengths along its axes.
 
     Raises:
         SceneError: a length is not positive. BoxgraspError: T_base_box is not rigid.
@@ -29,7 +29,7 @@ class Box:
 
     T_base_box: Floats
     dimensions_m: Floats
-    colour: Colour = (128, 128, 128)
+    color: Color = (128, 128, 128)
     label: int = 0
 
     def __post_init__(self) -> None:
@@ -42,7 +42,7 @@ class Box:
 
     @property
     def T_base_solid(self) -> Floats:
-        """(4, 4) pose of the centre."""
+        """(4, 4) pose of the center."""
         return self.T_base_box
 
     @property
@@ -53,7 +53,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A solid cylinder; T_base_cylinder at its centre, its axis along the local z.
+    """A solid cylinder; T_base_cylinder at its center, its axis along the local z.
 
     Raises:
         SceneError: a length is not positive. BoxgraspError: T_base_cylinder is not rigid.
@@ -62,7 +62,7 @@ class Cylinder:
     T_base_cylinder: Floats
     radius_m: float
     height_m: float
-    colour: Colour = (128, 128, 128)
+    color: Color = (128, 128, 128)
     label: int = 0
 
     def __post_init__(self) -> None:
@@ -72,7 +72,7 @@ class Cylinder:
 
     @property
     def T_base_solid(self) -> Floats:
-        """(4, 4) pose of the centre."""
+        """(4, 4) pose of the center."""
         return self.T_base_cylinder
 
     @property
@@ -90,7 +90,7 @@ class Plane:
     """
 
     height_m: float
-    colour: Colour = (60, 62, 66)
+    color: Color = (60, 62, 66)
     label: int = -1
 
     def __post_init__(self) -> None:

@@ -34,10 +34,10 @@ NOISES: Mapping[str, NoiseModel | None] = {
         step_m=0.003,
         edge_dropout=0.9,
         dropout=0.02,
-        colour_sigma=8.0,
+        color_sigma=8.0,
     ),
 }
-WISHES = ("any", "feasible", "off-centre", "no-central")
+WISHES = ("any", "feasible", "off-center", "no-central")
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Recipe:
 
     targets: taken in turn; objects: a shipped set's name or a file; obstacles: least and most;
     area_m: edge of the square that holds them; mirrored: left and right exchanged. wish: `any`
-    scene; `feasible`, the thesis's assumption of at least one feasible grasp (1-6); `off-centre`,
+    scene; `feasible`, the thesis's assumption of at least one feasible grasp (1-6); `off-center`,
     its out-of-bias need (4-2): one face alone has feasible options, and the best of them is not
     on its central line; `no-central`, stricter: options are valid, but none on a central line.
     physics: only scenes in which all that stands stays where it is in MuJoCo (extra `sim`).

@@ -14,16 +14,16 @@ from boxgrasp.errors import SceneError
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.camera import CastView, cast, intrinsics_matrix, look_at
 from boxgrasp.simulate.distance import gap
-from boxgrasp.simulate.noise import NoiseModel, add_noise, colour_noise, edge_pixels
+from boxgrasp.simulate.noise import NoiseModel, add_noise, color_noise, edge_pixels
 from boxgrasp.simulate.objects import SimulatedObject, load_objects
-from boxgrasp.simulate.primitives import Box, Colour, Cylinder, Plane, Primitive, upright
+from boxgrasp.simulate.primitives import Box, Color, Cylinder, Plane, Primitive, upright
 
 TABLE_HEIGHT_M = 0.80
-TABLE_CENTRE_M = (0.85, 0.0)
+TABLE_CENTER_M = (0.85, 0.0)
 TABLE_SIZE_M = (0.80, 1.20, 0.04)
-TABLE_COLOUR = (170, 140, 110)
+TABLE_COLOR = (170, 140, 110)
 FLOOR_LABEL, TABLE_LABEL, TARGET_LABEL = 0, 1, 2
-PALETTE: tuple[Colour, ...] = (
+PALETTE: tuple[Color, ...] = (
     (200, 60, 50),
     (60, 120, 200),
     (70, 170, 80),
@@ -75,7 +75,7 @@ class TableScene:
 def build_scene(
     spec: Mapping[str, Any], objects: Mapping[str, SimulatedObject] | None = None
 ) -> TableScene:
-    """The scene of a spec: `target` and each of `obstacles` as {name, x, y, z, yaw, colour}.
+    """The scene of a spec: `target` and each of `obstacles` as {name, x, y, z, yaw, color}.
 
     `camera` is {position, gaze}; z is the base's height over the table, all m and radians.
 
@@ -85,9 +85,9 @@ def build_scene(
     known = load_objects() if objects is None else objects
     try:
         table = Box(
-            upright(*TABLE_CENTRE_M, TABLE_HEIGHT_M - TABLE_SIZE_M[2] / 2),
+            upright(*TABLE_CENTER_M, TABLE_HEIGHT_M - TABLE_SIZE_M[2] / 2),
             np.array(TABLE_SIZE_M),
-            TABLE_COLOUR,
+            TABLE_COLOR,
             TABLE_LABEL,
         )
         primitives: list[Primitive] = [Plane(0.0, (40, 44, 46), FLOOR_LABEL), table]
@@ -127,7 +127,7 @@ def draw_scene(
 
     target: a name, or None for any of the known and novel ones; obstacles: how many, or the least
     and most; yaw `thesis` (target along the base's axes, obstacles turned at random), `random` (the
-    target too) or `none`; area_m: edge of the square that holds the obstacles' centres. Poses are
+    target too) or `none`; area_m: edge of the square that holds the obstacles' centers. Poses are
     rounded to 0.1 mm and 0.1 mrad. Drawn again while `accept` says no, or fewer than
     min_target_pixels are visible.
 
@@ -182,7 +182,7 @@ def to_capture(
             raise SceneError("noise needs rng; valid: a numpy Generator, or noise=False")
         model = noise if isinstance(noise, NoiseModel) else NoiseModel()
         depth = add_noise(depth, rng, model)
-        rgb = colour_noise(rgb, rng, model)
+        rgb = color_noise(rgb, rng, model)
     pixel = target_pixel(view.labels == scene.target_label, depth)
     capture = Capture(depth, scene.intrinsics, scene.T_base_camera, rgb, target_pixel=pixel)
     return capture, view.labels
@@ -216,7 +216,7 @@ def _place(
         TABLE_HEIGHT_M + item["z"],
         item["yaw"],
         label=label,
-        colour=tuple(item["colour"]),
+        color=tuple(item["color"]),
     )
 
 
@@ -230,18 +230,18 @@ def _draw_spec(
     area_m: float,
 ) -> dict[str, Any] | None:
     """Plain values of one scene, or None where an obstacle found no place."""
-    colours = [PALETTE[i] for i in rng.permutation(len(PALETTE))]
-    centre = np.array(TABLE_CENTRE_M) + rng.uniform(-0.02, 0.02, 2)
+    colors = [PALETTE[i] for i in rng.permutation(len(PALETTE))]
+    center = np.array(TABLE_CENTER_M) + rng.uniform(-0.02, 0.02, 2)
     turn = float(rng.uniform(-np.pi, np.pi)) if yaw == "random" else 0.0
-    target = _item(name, centre, 0.0, turn, colours[0])
+    target = _item(name, center, 0.0, turn, colors[0])
     placed = [_place(known, target, TARGET_LABEL)]
     items: list[dict[str, Any]] = []
     pool = list(known)
     for k in range(count):
         other = pool[int(rng.integers(len(pool)))]
-        colour = colours[(k + 1) % len(colours)]
+        color = colors[(k + 1) % len(colors)]
         for _ in range(_PLACE_TRIES):
-            item = _draw_obstacle(rng, known[other], centre, yaw, area_m, colour)
+            item = _draw_obstacle(rng, known[other], center, yaw, area_m, color)
             solids = _place(known, item, 0)
             if _apart(solids, placed, min_gap_m):
                 items.append(item)
@@ -255,32 +255,32 @@ def _draw_spec(
 def _draw_obstacle(
     rng: np.random.Generator,
     kind: SimulatedObject,
-    centre: Floats,
+    center: Floats,
     yaw: str,
     area_m: float,
-    colour: Colour,
+    color: Color,
 ) -> dict[str, Any]:
-    place = centre + rng.uniform(-area_m / 2, area_m / 2, 2)
+    place = center + rng.uniform(-area_m / 2, area_m / 2, 2)
     turn = float(rng.uniform(-np.pi, np.pi))
     height = 0.0 if kind.floats_m is None else float(rng.uniform(*kind.floats_m))
-    return _item(kind.name, place, height, 0.0 if yaw == "none" else turn, colour)
+    return _item(kind.name, place, height, 0.0 if yaw == "none" else turn, color)
 
 
-def _item(name: str, place: Floats, height: float, turn: float, colour: Colour) -> dict[str, Any]:
+def _item(name: str, place: Floats, height: float, turn: float, color: Color) -> dict[str, Any]:
     return {
         "name": name,
         "x": round(float(place[0]), 4),
         "y": round(float(place[1]), 4),
         "z": round(height, 4),
         "yaw": round(turn, 4),
-        "colour": list(colour),
+        "color": list(color),
     }
 
 
 def _draw_camera(rng: np.random.Generator) -> dict[str, Any]:
     """A TIAGo's head: torso up, gaze on the table (pose and jitter are ours)."""
     position = rng.uniform((0.0, -0.15, 1.20), (0.20, 0.15, 1.45))
-    gaze = np.array([*TABLE_CENTRE_M, TABLE_HEIGHT_M + 0.05]) + rng.uniform(-0.05, 0.05, 3)
+    gaze = np.array([*TABLE_CENTER_M, TABLE_HEIGHT_M + 0.05]) + rng.uniform(-0.05, 0.05, 3)
     return {
         "position": [round(float(value), 4) for value in position],
         "gaze": [round(float(value), 4) for value in gaze],

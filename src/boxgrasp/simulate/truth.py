@@ -39,11 +39,11 @@ class TrueOption:
 
 @dataclass(frozen=True, eq=False)
 class OptionTruth:
-    """Exact numbers of M gripper poses, hidden sides included; each (M,), metres.
+    """Exact numbers of M gripper poses, hidden sides included; each (M,), meters.
 
     clearance_m: gripper's box to the nearest obstacle, 0 inside. support_m: signed height of its
     lowest corner over the table. approach_m: clearance of the box swept 15 cm back. width_m: the
-    target's true extent along the finger opening; off_centre_m: the middle of that extent from
+    target's true extent along the finger opening; off_center_m: the middle of that extent from
     the gripper's middle. fits: width_m is no more than the opening.
     """
 
@@ -51,7 +51,7 @@ class OptionTruth:
     support_m: Floats
     approach_m: Floats
     width_m: Floats
-    off_centre_m: Floats
+    off_center_m: Floats
     fits: NDArray[np.bool_]
 
     @property
@@ -70,7 +70,7 @@ def box_clearance(
 ) -> Floats:
     """(M,) m, exact distance of M gripper boxes from the nearest primitive, 0 inside.
 
-    T_base_gripper (M, 4, 4) at the centres of boxes of full lengths dimensions_m (3,). Infinity
+    T_base_gripper (M, 4, 4) at the centers of boxes of full lengths dimensions_m (3,). Infinity
     where there is no primitive.
     """
     boxes = np.asarray(T_base_gripper, dtype=np.float64).reshape(-1, 4, 4)
@@ -84,7 +84,7 @@ def box_clearance(
 
 
 def true_box(scene: TableScene, *, mode: str = "yaw") -> tuple[Floats, Floats]:
-    """T_base_box (4, 4) at the centre and dimensions_m (3,) of the target's true box.
+    """T_base_box (4, 4) at the center and dimensions_m (3,) of the target's true box.
 
     mode `aligned`: along the base's axes (thesis section 2-2). `yaw`: turned with a box by (-45,
     45] degrees; whatever holds a cylinder stays unturned.
@@ -161,7 +161,7 @@ def option_truth(
         support_m=readonly(_heights(poses, dims)[0] - scene.table_height_m),
         approach_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), 0.5)),
         width_m=readonly(width),
-        off_centre_m=readonly(extents.mean(axis=1) - middle),
+        off_center_m=readonly(extents.mean(axis=1) - middle),
         fits=readonly(width <= hand.opening_m + 1e-9),
     )
 
@@ -182,6 +182,6 @@ def _extent(solids: Sequence[Box | Cylinder], direction: Floats) -> tuple[float,
             reach = float(np.abs(local) @ half)
         else:
             reach = half[0] * float(np.hypot(local[0], local[1])) + half[2] * abs(float(local[2]))
-        centre = float(direction @ solid.T_base_solid[:3, 3])
-        low, high = min(low, centre - reach), max(high, centre + reach)
+        center = float(direction @ solid.T_base_solid[:3, 3])
+        low, high = min(low, center - reach), max(high, center + reach)
     return low, high

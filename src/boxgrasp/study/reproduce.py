@@ -30,7 +30,7 @@ from boxgrasp.study.study import Study
 from boxgrasp.version import __version__
 
 NOTICE = (
-    "The operator who labelled these scenes is a stand-in, not a human: a rule with a person's "
+    "The operator who labeled these scenes is a stand-in, not a human: a rule with a person's "
     "habits. The robot and its real table are a stand-in too: simulated scenes with strong noise."
 )
 

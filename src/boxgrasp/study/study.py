@@ -78,12 +78,12 @@ class Study:
         real = targets_of("real", "real")
         tight = (4, 4)
         robot = Recipe(real, objects="real", obstacles=(1, 4), noise="strong")
-        ad_hoc = replace(robot, obstacles=tight, wish="off-centre")
+        ad_hoc = replace(robot, obstacles=tight, wish="off-center")
         given = ("given",)
         found = {
             "labels": self._set(1, Recipe(known), n.labels),
             "tested": self._set(2, Recipe(every), n.tested),
-            "need": self._set(3, Recipe(every, obstacles=tight, wish="off-centre"), n.need),
+            "need": self._set(3, Recipe(every, obstacles=tight, wish="off-center"), n.need),
             "central": self._set(4, Recipe(every, obstacles=tight, wish="no-central"), n.central),
             "real": self._set(5, robot, n.real, runs=n.runs, thin=2),
             "real-clean": self._set(5, replace(robot, noise="none"), n.real, thin=2),
@@ -131,8 +131,8 @@ class Study:
     @cached_property
     def trained(self) -> Mapping[str, Mapping[str, Any]]:
         """What is kept of the eight SVMs' training by their names; trained where it is not yet."""
-        labelled = self.sets()["labels"], self.rows("labels")
-        kept = train_eight(self.store, "models/", labelled, self.workers, self.seed)
+        labeled = self.sets()["labels"], self.rows("labels")
+        kept = train_eight(self.store, "models/", labeled, self.workers, self.seed)
         return {svm.name: item for svm, item in zip(EIGHT, kept, strict=True)}
 
     @cached_property

@@ -15,7 +15,7 @@ FACES = range(1, 6)
 
 
 def largest_edge_m(rows: Mapping[str, Array], sight: str = "given") -> float:
-    """The longest box edge of a training set, by which dimensions are normalised (3-3-2)."""
+    """The longest box edge of a training set, by which dimensions are normalized (3-3-2)."""
     return float(np.max(rows[f"{sight}_dimensions_m"]))
 
 

@@ -73,7 +73,7 @@ class RowConfig:
 
 
 def row_of(config: RowConfig, number: int, operator: Operator = STAND_IN) -> Row:
-    """Row `number` of a set: its scenario drawn, cast, seen and labelled by the operator."""
+    """Row `number` of a set: its scenario drawn, cast, seen and labeled by the operator."""
     number, run = divmod(number, config.runs)
     scenario = scenario_of_row(config, number)
     seen = [
@@ -135,7 +135,7 @@ def shown(sight: Sight, selector: GraspSelector) -> Shown:
         sight.situation.box,
         sight.situation.options,
         np.ascontiguousarray(sight.scene.points[sight.aim.others]),
-        float(sight.situation.box.base_centre_m[2]),
+        float(sight.situation.box.base_center_m[2]),
         selector.config.gripper,
     )
 

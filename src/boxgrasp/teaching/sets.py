@@ -187,7 +187,7 @@ def schema(config: RowConfig) -> Any:
     """Arrow schema of a set's rows."""
     pa, _ = _arrow()
     options = 5 * config.lines
-    metres = pa.list_(pa.float64(), options)
+    meters = pa.list_(pa.float64(), options)
     flags = pa.list_(pa.bool_(), options)
     fields = [
         ("seed", pa.int64()),
@@ -199,7 +199,7 @@ def schema(config: RowConfig) -> Any:
         ("best_m", pa.float64()),
         ("true_box", pa.list_(pa.float64(), 4)),
         ("true_dimensions_m", pa.list_(pa.float64(), 3)),
-        *((f"true_{name}", flags if name == "fits" else metres) for name in TRUTHS),
+        *((f"true_{name}", flags if name == "fits" else meters) for name in TRUTHS),
         ("label", pa.int64()),
         ("label_source", pa.string()),
     ]
@@ -209,9 +209,9 @@ def schema(config: RowConfig) -> Any:
             (f"{sight}_box", pa.list_(pa.float64(), 4)),
             (f"{sight}_dimensions_m", pa.list_(pa.float64(), 3)),
             (f"{sight}_passes", flags),
-            (f"{sight}_visible_m", metres),
-            *((f"{sight}_{name}", flags if name in FLAGS else metres) for name in NUMBERS),
-            *((f"{sight}_true_{n}", flags if n == "fits" else metres) for n in TRUTHS),
+            (f"{sight}_visible_m", meters),
+            *((f"{sight}_{name}", flags if name in FLAGS else meters) for name in NUMBERS),
+            *((f"{sight}_true_{n}", flags if n == "fits" else meters) for n in TRUTHS),
         ]
         for name in SAMPLINGS:
             whole, portions = sample_points(name)

@@ -22,16 +22,16 @@ SOURCE = "stand-in"
 
 @dataclass(frozen=True)
 class StandIn:
-    """Its habits; liking is counted in metres of room that it is worth.
+    """Its habits; liking is counted in meters of room that it is worth.
 
-    face_m: liking of left, front, right, top-parallel, top-perpendicular. off_centre_m: what the
+    face_m: liking of left, front, right, top-parallel, top-perpendicular. off_center_m: what the
     outermost lines cost. enough_m: room beyond which more is no better. eye_m: standard deviation
-    of its judgement of room; mood_m: of its liking. into_table_m: how far under the table's top a
+    of its judgment of room; mood_m: of its liking. into_table_m: how far under the table's top a
     hand would have to be for it to see that.
     """
 
     face_m: tuple[float, float, float, float, float] = (0.0, 0.042, 0.0, 0.035, 0.02)
-    off_centre_m: float = 0.015
+    off_center_m: float = 0.015
     enough_m: float = 0.12
     eye_m: float = 0.003
     mood_m: float = 0.002
@@ -54,7 +54,7 @@ class StandIn:
         room = np.minimum(room + self.eye_m * rng.standard_normal(len(room)), self.enough_m)
         low = hands[:, 6] - shown.table_m < -self.into_table_m
         middle = (options.lines + 1) / 2
-        off_centre = np.abs(options.line - middle) / max(middle - 1.0, 1.0)
-        habit = np.array(self.face_m)[options.face - 1] - self.off_centre_m * off_centre
+        off_center = np.abs(options.line - middle) / max(middle - 1.0, 1.0)
+        habit = np.array(self.face_m)[options.face - 1] - self.off_center_m * off_center
         mood = self.mood_m * rng.standard_normal(len(room))
         return np.asarray(habit + mood + np.where(low, -self.enough_m, room))

@@ -80,14 +80,14 @@ class Provenance:
 def examples(
     rows: Mapping[str, Array], svm: Svm, lines: int, edge_m: float | None
 ) -> tuple[Points, Array]:
-    """X (N, F) and y (N,) of one SVM from labelled rows, seen as given.
+    """X (N, F) and y (N,) of one SVM from labeled rows, seen as given.
 
     Raises:
         ConfigError: fewer than two classes, or rows without a label.
     """
     label = rows["label"]
     if len(label) == 0 or label.min() < 1:
-        raise ConfigError("rows without a label; valid: a set whose every row is labelled")
+        raise ConfigError("rows without a label; valid: a set whose every row is labeled")
     face, line = (label - 1) // lines + 1, (label - 1) % lines + 1
     if svm.part in ("single", "face"):
         X = single_matrix(rows, "given", svm.sampling, edge_m)
@@ -201,7 +201,7 @@ def _grid(grid: Grid) -> dict[str, Any]:
 
 
 def train_eight(
-    store: Store, prefix: str, labelled: tuple[SetConfig, Rows], workers: Workers, seed: int = 0
+    store: Store, prefix: str, labeled: tuple[SetConfig, Rows], workers: Workers, seed: int = 0
 ) -> list[dict[str, Any]]:
     """Train what is not there yet of the eight, write their files, give what is kept of each.
 
@@ -210,12 +210,12 @@ def train_eight(
     """
     if seed < 0:
         raise ConfigError(f"seed is {seed}; valid: 0 or more")
-    labels = np.ascontiguousarray(labelled[1]["label"], dtype="<i8").tobytes()
-    said = hashlib.sha256(labels).hexdigest()  # a set may have been labelled anew
-    made = {"set": plain(labelled[0]), "labels_sha256": said, "seed": seed}
+    labels = np.ascontiguousarray(labeled[1]["label"], dtype="<i8").tobytes()
+    said = hashlib.sha256(labels).hexdigest()  # a set may have been labeled anew
+    made = {"set": plain(labeled[0]), "labels_sha256": said, "seed": seed}
     claim(store, f"{prefix}training/", "made.json", made, "models")
     finish(
-        store, training_tasks(*labelled, f"{prefix}training/", seed), trained_json, workers, "train"
+        store, training_tasks(*labeled, f"{prefix}training/", seed), trained_json, workers, "train"
     )
     kept = []
     for svm in EIGHT:

@@ -25,7 +25,7 @@ Short = Annotated[float, Meta(ge=0.0, le=0.5)]
 
 @dataclass(frozen=True)
 class CheckConfig:
-    """What an option must keep, metres.
+    """What an option must keep, meters.
 
     clearance_m: to seen obstacles (thesis: 2 cm is feasible), beside noise_m for sensor noise.
     body_m: to the hidden bodies under seen surfaces. unseen_m: to space that no ray crossed.
@@ -48,7 +48,7 @@ class CheckConfig:
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """(M,) arrays over the options, metres capped at 0.50; see `CheckConfig` for the words.
+    """(M,) arrays over the options, meters capped at 0.50; see `CheckConfig` for the words.
 
     nearest: row of the nearest obstacle point, -1 for none; fits: whether the target goes
     between the fingers; known: whether its width there is known.
@@ -68,7 +68,7 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """rejected: a reason or None, an option each; short_m: how much each lacks in all, metres."""
+    """rejected: a reason or None, an option each; short_m: how much each lacks in all, meters."""
 
     rejected: tuple[str | None, ...]
     short_m: Floats
@@ -93,7 +93,7 @@ def measure(
     """All distances of all options.
 
     others: (K,) which of the scene's points are obstacles. extra_cells:
-    centres (K, 3) and edges (K,) of occupied cells that no point explains. width_known: whether
+    centers (K, 3) and edges (K,) of occupied cells that no point explains. width_known: whether
     the box's x and y dimensions are more than lower bounds.
 
     Raises:
@@ -208,5 +208,5 @@ def _what(labels: NDArray[np.int64], row: int) -> str:
     return f"object {labels[row]}" if labels[row] > 0 else "obstacle"
 
 
-def _cm(metres: float) -> str:
-    return f"{metres * 100:.1f} cm"
+def _cm(meters: float) -> str:
+    return f"{meters * 100:.1f} cm"

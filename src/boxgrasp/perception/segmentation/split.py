@@ -1,8 +1,8 @@
 """Part things that stand closer than the Euclidean rule can tell, by how they look from above.
 
 Things that stand on a table differ in the height of their tops, leave a notch in their common
-outline, or differ in colour. Each Euclidean cluster is laid out in plan: cells join into patches
-unless the top steps (a depth edge or a concave crease in the view) or the colour does. Scraps and
+outline, or differ in color. Each Euclidean cluster is laid out in plan: cells join into patches
+unless the top steps (a depth edge or a concave crease in the view) or the color does. Scraps and
 patches that another one encloses (a cap, a rim, a handle) go back to it, and so does a step whose
 lower side is not level: a bottle's shoulder is no other thing, a box before a bottle is. What is
 left with a narrow neck in an outline that is not convex is cut there.
@@ -31,11 +31,11 @@ _MOST_CELL_M = 0.010
 _GAP_CELLS = 1.25  # a cell holds at least so many rows of pixels
 _STEP_M = 0.008
 _TINT_STEP = 0.10
-_RAGGED = 3  # neighbours of a smooth cell that may be missing or a step away
+_RAGGED = 3  # neighbors of a smooth cell that may be missing or a step away
 _LEAST_M2 = 0.0005  # smooth ground of a thing of its own
 _BROAD = 3  # cells from its middle to its rim at least
-_ENCLOSED = 0.42  # share of its outline on a neighbour from which a patch is part of it
-_EVEN_SHARE = 0.8  # of the smooth ground in large patches of one colour, for colour to count
+_ENCLOSED = 0.42  # share of its outline on a neighbor from which a patch is part of it
+_EVEN_SHARE = 0.8  # of the smooth ground in large patches of one color, for color to count
 _EVEN_TINT = 0.012
 _OVERLAP = 0.3
 _NOTCHED = 0.86  # parts must fill their outlines this much better than the whole
@@ -46,15 +46,15 @@ Labels = NDArray[np.int64]
 
 
 def split_clusters(
-    points: Points, labels: Labels, colours: Points | None, eye: Floats | None
+    points: Points, labels: Labels, colors: Points | None, eye: Floats | None
 ) -> Labels:
     """Labels (K,) with clusters parted; new ones get new numbers, -1 stays.
 
-    points: (K, 3) float32 in the table frame (z = 0 on the plane); colours: (K, 3) of 0..255 with
+    points: (K, 3) float32 in the table frame (z = 0 on the plane); colors: (K, 3) of 0..255 with
     NaN where unknown, or None; eye: (3,) camera position there, or None.
     """
     parted = labels.copy()
-    tints = _tints(points, colours)
+    tints = _tints(points, colors)
     following = int(labels.max(initial=-1)) + 1
     order = by_label(labels)
     edges = np.searchsorted(labels[order], np.arange(following + 1))
@@ -87,11 +87,11 @@ def _row_gap_m(points: Points, eye: Floats) -> float:
     return min(away / (525.0 * over), _MOST_CELL_M / _GAP_CELLS)
 
 
-def _tints(points: Points, colours: Points | None) -> Points:
+def _tints(points: Points, colors: Points | None) -> Points:
     """(K, 3) shares of red, green and blue: what shading leaves as it is."""
-    if colours is None:
+    if colors is None:
         return np.full((len(points), 3), np.nan, dtype=np.float32)
-    shares = colours / np.maximum(colours.sum(axis=1, keepdims=True), 30.0)
+    shares = colors / np.maximum(colors.sum(axis=1, keepdims=True), 30.0)
     return np.asarray(shares, dtype=np.float32)
 
 
@@ -105,11 +105,11 @@ def _pieces(points: Points, tints: Points, cell_m: float) -> Labels:
     if ground.max() > 0:
         label = _joined(grow(ground, inside), *_tops(ground, top))
     if np.isfinite(tint).any() and not _plain(tint):
-        coloured = _ground(top, tint, _TINT_STEP, least)
-        if coloured.max() > 0 and _even(coloured, ground, tint):
-            ground = coloured
-            always = np.ones(int(coloured.max()) + 1, dtype=bool)
-            label = _joined(grow(coloured, inside), always, always.astype(np.float64))
+        colored = _ground(top, tint, _TINT_STEP, least)
+        if colored.max() > 0 and _even(colored, ground, tint):
+            ground = colored
+            always = np.ones(int(colored.max()) + 1, dtype=bool)
+            label = _joined(grow(colored, inside), always, always.astype(np.float64))
     label = _cut_necks(_apart(label), least)
     pieces = np.maximum(label[cells[:, 0], cells[:, 1]], 0)
     if label.max() > 0:
@@ -131,7 +131,7 @@ def _ground(top: Points, tint: Points, tint_step: float, least: int) -> Labels:
 
 
 def _plain(tint: Points) -> bool:
-    """Whether the whole plan has one colour, as most things have."""
+    """Whether the whole plan has one color, as most things have."""
     return float(np.nanstd(tint, axis=(0, 1)).max()) <= _EVEN_TINT
 
 
@@ -141,11 +141,11 @@ def _give_to_nearest(points: Points, pieces: Labels, rough: NDArray[np.bool_]) -
     pieces[rough] = pieces[held[nearest(points[rough], points[held])]]
 
 
-def _even(coloured: Labels, ground: Labels, tint: Points) -> bool:
-    """Whether nearly all smooth ground lies in patches of one plain colour each."""
+def _even(colored: Labels, ground: Labels, tint: Points) -> bool:
+    """Whether nearly all smooth ground lies in patches of one plain color each."""
     even = 0
-    for k in range(int(coloured.max()) + 1):
-        cells = tint[coloured == k]
+    for k in range(int(colored.max()) + 1):
+        cells = tint[colored == k]
         if float(np.nanstd(cells, axis=0).max()) <= _EVEN_TINT:
             even += len(cells)
     return even > 0 and even >= _EVEN_SHARE * int(np.count_nonzero(ground >= 0))
@@ -167,7 +167,7 @@ def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.flo
 
 
 def _joined(label: Labels, level: NDArray[np.bool_], height: NDArray[np.float64]) -> Labels:
-    """Patches with enclosed ones and unlevel steps given to their main neighbour."""
+    """Patches with enclosed ones and unlevel steps given to their main neighbor."""
     count = int(label.max()) + 1
     if count < 2:
         return label

@@ -13,7 +13,7 @@ from boxgrasp.ranking.ranker import Chooser, Preference, Situation
 
 
 class TopDown(Chooser):
-    """The box's centre from above, fingers over its narrower side; then over the other; the rest.
+    """The box's center from above, fingers over its narrower side; then over the other; the rest.
 
     The rest follows by label. Its sureness falls evenly along the order and says nothing else.
     """

@@ -21,6 +21,6 @@ class ByClearance(Chooser):
         room = np.minimum(np.minimum(numbers.seen_m, numbers.body_m), GREEN_FROM_M)
         room = np.round(room - _UNSEEN_COST_M * numbers.unseen_share, 4)
         unhabitual = ~np.isin(options.face, (FRONT, TOP_PARALLEL))
-        off_centre = np.abs(options.line - (options.lines + 1) / 2)
-        order = np.lexsort((options.label, off_centre, unhabitual, -room))
+        off_center = np.abs(options.line - (options.lines + 1) / 2)
+        order = np.lexsort((options.label, off_center, unhabitual, -room))
         return Preference(order, np.clip(room / GREEN_FROM_M, 0.0, 1.0))

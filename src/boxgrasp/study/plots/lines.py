@@ -11,7 +11,7 @@ from boxgrasp.draw.palette import CATEGORY
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.study.intervals import Estimate
 from boxgrasp.study.metrics import SHAPES
-from boxgrasp.study.plots.sheet import COLOURS, DASHES, FAINT_HEX, MARKS, hexed, known, sheet, svg
+from boxgrasp.study.plots.sheet import COLORS, DASHES, FAINT_HEX, MARKS, hexed, known, sheet, svg
 
 _MOST_TICKS = 10
 
@@ -70,12 +70,12 @@ def _outline(axes: Any, grid: Mapping[str, Any], C: float, gamma: float) -> None
         if np.isclose(cost, C) and np.isclose(value, gamma)
     ]
     for column, row in at:
-        # White within black is seen on every colour of the map.
-        for colour, wide in (("black", 4.0), ("white", 1.8)):
+        # White within black is seen on every color of the map.
+        for color, wide in (("black", 4.0), ("white", 1.8)):
             axes.add_patch(
                 Rectangle(
-                    (column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor=colour, linewidth=wide,
-                    clip_on=False, gid=f"chosen-{colour}",
+                    (column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor=color, linewidth=wide,
+                    clip_on=False, gid=f"chosen-{color}",
                 )
             )  # fmt: skip
 
@@ -104,7 +104,7 @@ def score_functions() -> str:
             gaps = np.flatnonzero(np.abs(np.diff(values)) > 0.2) + 1
             axes.plot(
                 np.insert(100 * clearance_m, gaps, np.nan), np.insert(values, gaps, np.nan),
-                color=COLOURS[kinds.index(kind)], linewidth=3.0 if k == 0 else 1.6,
+                color=COLORS[kinds.index(kind)], linewidth=3.0 if k == 0 else 1.6,
                 linestyle="-" if shape.green_m == GREEN_FROM_M else "--",
                 label=f"{shape.name} (thesis)" if k == 0 else shape.name, gid=f"score-{k}",
                 zorder=3 if k == 0 else 2,
@@ -147,7 +147,7 @@ def curves(
                 np.exp(moved) if log_x else moved,
                 [item[1] for item in found],
                 yerr=[[item[2] for item in found], [item[3] for item in found]],
-                color=COLOURS[k % len(COLOURS)], marker=MARKS[k % len(MARKS)], markersize=5.5,
+                color=COLORS[k % len(COLORS)], marker=MARKS[k % len(MARKS)], markersize=5.5,
                 linestyle=DASHES[k % len(DASHES)], linewidth=1.5, elinewidth=1.1, capsize=2.5,
                 label=name,
             )[0].set_gid(f"curve-{k}")  # fmt: skip

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from boxgrasp.study.intervals import Estimate
-from boxgrasp.study.plots.sheet import COLOURS, known, sheet, svg
+from boxgrasp.study.plots.sheet import COLORS, known, sheet, svg
 from boxgrasp.study.report import Row
 
-_OURS, _THEIRS = COLOURS[0], COLOURS[1]
+_OURS, _THEIRS = COLORS[0], COLORS[1]
 _LINE_IN = 0.27  # inches a line
 
 
@@ -56,14 +56,14 @@ def chooser_points(
     with sheet(6.4, 1.2 + 1.5 * _LINE_IN * len(names)) as figure:
         axes = figure.subplots()
         _lines(axes, names)
-        for estimates, full, colour, mark, off in (
+        for estimates, full, color, mark, off in (
             (bare, False, _THEIRS, "s", -0.16), (checked, True, _OURS, "o", 0.16),
         ):  # fmt: skip
             if len(estimates) != len(names):
                 raise ValueError(f"{len(estimates)} estimates; valid: {len(names)}, one a name")
             kind = "checked" if full else "bare"
             for k, value, down, up in known(estimates):
-                _point(axes, value, k + off, down, up, colour, mark, full, f"{kind}-{k}")
+                _point(axes, value, k + off, down, up, color, mark, full, f"{kind}-{k}")
         axes.set_xlabel(what)
         keys = [_key("s", _THEIRS, False, "bare"), _key("o", _OURS, True, "checked")]
         figure.legend(handles=keys, loc="outside upper center", ncols=2)
@@ -88,22 +88,22 @@ def _lines(axes: Any, names: Sequence[str]) -> None:
 
 
 def _point(
-    axes: Any, x: float, y: float, down: float, up: float, colour: str, mark: str, full: bool,
+    axes: Any, x: float, y: float, down: float, up: float, color: str, mark: str, full: bool,
     gid: str,
 ) -> None:  # fmt: skip
-    axes.plot([x - down, x + up], [y, y], color=colour, linewidth=1.6, solid_capstyle="butt")
+    axes.plot([x - down, x + up], [y, y], color=color, linewidth=1.6, solid_capstyle="butt")
     for end in (x - down, x + up):
-        axes.plot([end, end], [y - 0.12, y + 0.12], color=colour, linewidth=1.6)
+        axes.plot([end, end], [y - 0.12, y + 0.12], color=color, linewidth=1.6)
     axes.plot(
-        x, y, mark, color=colour, markersize=6, markeredgewidth=1.4,
-        markerfacecolor=colour if full else "white", gid=gid, zorder=3,
+        x, y, mark, color=color, markersize=6, markeredgewidth=1.4,
+        markerfacecolor=color if full else "white", gid=gid, zorder=3,
     )  # fmt: skip
 
 
-def _key(mark: str, colour: str, full: bool, label: str) -> Any:
+def _key(mark: str, color: str, full: bool, label: str) -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D(
-        [], [], marker=mark, color=colour, linestyle="none", markersize=6, markeredgewidth=1.4,
-        markerfacecolor=colour if full else "none", label=label,
+        [], [], marker=mark, color=color, linestyle="none", markersize=6, markeredgewidth=1.4,
+        markerfacecolor=color if full else "none", label=label,
     )  # fmt: skip

@@ -19,12 +19,12 @@ MARKS: Final = ("o", "s", "^", "D", "v", "P")
 DASHES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
 
-def hexed(colour: RGB) -> str:
-    """A colour as matplotlib takes it."""
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+def hexed(color: RGB) -> str:
+    """A color as matplotlib takes it."""
+    return "#{:02x}{:02x}{:02x}".format(*color)
 
 
-COLOURS: Final = tuple(hexed(colour) for colour in _DARK)
+COLORS: Final = tuple(hexed(color) for color in _DARK)
 INK_HEX: Final = hexed(INK)
 FAINT_HEX: Final = hexed(FAINT)
 RULE_HEX: Final = hexed(RULE)

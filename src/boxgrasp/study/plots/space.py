@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from boxgrasp.arrays import Floats
-from boxgrasp.study.plots.sheet import COLOURS, FAINT_HEX, sheet, svg
+from boxgrasp.study.plots.sheet import COLORS, FAINT_HEX, sheet, svg
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _MOST_MARKS = 400  # in a view; more are drawn as pixels, or the file would be large
@@ -43,8 +43,8 @@ def golden_spiral(count: int = 256) -> str:
 def samples_3d(points: Floats, portion: Floats | None = None) -> str:
     """Samples (P, 3) seen aslant, from above, from the robot and from its right.
 
-    Coloured by layer where they lie on few spheres, else by height; with a portion (p, 3), that is
-    coloured and the rest is faint.
+    Colored by layer where they lie on few spheres, else by height; with a portion (p, 3), that is
+    colored and the rest is faint.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -67,32 +67,32 @@ def samples_3d(points: Floats, portion: Floats | None = None) -> str:
                 _scatter(view, points[:, axes], _shade(points), title, 15)
             else:
                 _scatter(view, points[:, axes], FAINT_HEX, f"rest, {title}", 3)
-                _scatter(view, portion[:, axes], COLOURS[0], f"portion, {title}", 17)
+                _scatter(view, portion[:, axes], COLORS[0], f"portion, {title}", 17)
             view.set_title(title)
             _dress(view, axes, reach)
         return svg(figure, dpi=90)
 
 
 def _shade(points: Floats) -> Any:
-    """(P,) numbers for the colours: the layer, or the height."""
+    """(P,) numbers for the colors: the layer, or the height."""
     radii = np.round(np.linalg.norm(points, axis=1), 4)
     layers, which = np.unique(radii, return_inverse=True)
     return which.ravel() if len(layers) <= _MOST_LAYERS else points[:, 2]
 
 
-def _scatter(axes: Any, points: Floats, colour: Any, gid: str, size: float) -> None:
+def _scatter(axes: Any, points: Floats, color: Any, gid: str, size: float) -> None:
     flat = points.shape[1] == 2
     if flat:
         # Of samples behind one another only the last, the highest, is seen.
         _, first = np.unique(np.round(points[::-1], 6), axis=0, return_index=True)
         kept = np.sort(len(points) - 1 - first)
         points = points[kept]
-        colour = colour if isinstance(colour, str) else colour[kept]
+        color = color if isinstance(color, str) else color[kept]
     extra: dict[str, Any] = {} if flat else {"depthshade": False}
-    if not isinstance(colour, str):
+    if not isinstance(color, str):
         extra["cmap"] = "cividis"
     axes.scatter(
-        *points.T, c=colour, s=size, linewidths=0.3, edgecolors="#333333" if size > 10 else "none",
+        *points.T, c=color, s=size, linewidths=0.3, edgecolors="#333333" if size > 10 else "none",
         clip_on=False, rasterized=len(points) > _MOST_MARKS,
         gid=gid.replace(", ", "-").replace(" ", "-"), **extra,
     )  # fmt: skip

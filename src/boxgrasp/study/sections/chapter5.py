@@ -83,10 +83,10 @@ def missed_table(board: Board) -> Table:
         for name in ("spiral", "grid"):
             occupied = board.rows[f"given_{name}"][k] == OCCUPIED
             hits[name] = transform(T_base_map, sampling(name)[occupied])
-        centre = T_base_map[:3, 3]
+        center = T_base_map[:3, 3]
         for label in scene.obstacle_labels:
             solids = _solids(scene, label)
-            if _away(solids, centre[None])[0] > RADIUS_M - 0.02:
+            if _away(solids, center[None])[0] > RADIUS_M - 0.02:
                 continue
             met = [
                 bool((_away(solids, hits[n]) <= RESOLUTION_M[n] * np.sqrt(3) / 2).any())

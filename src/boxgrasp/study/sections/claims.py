@@ -25,7 +25,7 @@ def claims(study: Study) -> tuple[Claim, ...]:
     grid = difference(board.worth(CASCADE).score, board.worth("cascade-spiral").score)
     single = difference(board.worth(SINGLE).score, board.worth("single-spiral").score)
     need = study.board("need")
-    off_centre = difference(need.worth(CASCADE).score, need.worth(SINGLE).score)
+    off_center = difference(need.worth(CASCADE).score, need.worth(SINGLE).score)
     whole = difference(board.worth(CASCADE).score, board.worth(SINGLE).score)
     runs = study.scale.runs
     by_scene = real.worth(CASCADE).score.reshape(-1, runs).mean(axis=1)
@@ -78,10 +78,10 @@ def claims(study: Study) -> tuple[Claim, ...]:
             "than the thesis's; what cost the thesis's spiral so much is not known.",
         ),
         Claim(
-            "Cascade does better where a line off the centre is needed.",
+            "Cascade does better where a line off the center is needed.",
             "section 5-2-2, table 4-2",
-            YES if above(off_centre, 0.0) else OTHER if contains(off_centre, 0.0) else NO,
-            f"Cascade less single grid: {signed(off_centre)} where it is needed (thesis 0.28), "
+            YES if above(off_center, 0.0) else OTHER if contains(off_center, 0.0) else NO,
+            f"Cascade less single grid: {signed(off_center)} where it is needed (thesis 0.28), "
             f"{signed(whole)} over all test scenarios (thesis 0.03).",
         ),
         Claim(

@@ -136,7 +136,7 @@ def mirror_section(study: Study) -> Section:
         key="mirror",
         title="Mirrored training scenes",
         place="beyond the thesis",
-        words=("Left and right exchanged, cast and labelled again by the stand-in.",),
+        words=("Left and right exchanged, cast and labeled again by the stand-in.",),
         rows=tuple(rows),
     )
 
@@ -224,7 +224,7 @@ def X_count(size_m: float) -> int:  # noqa: N802
 
 
 def all_labels(study: Study) -> Rows:
-    """The labelled rows of the study and the further ones, as given."""
+    """The labeled rows of the study and the further ones, as given."""
     labels = study.rows("labels")
     shared = [name for name in labels if not name.startswith("found")]
     return joined([Rows({name: labels[name] for name in shared}), study.rows("more-labels")])

@@ -1,4 +1,4 @@
-"""Scenes that need a line off the centre: figures 4-5, 4-6, 4-8 and 4-9, tables 4-2 and 4-3."""
+"""Scenes that need a line off the center: figures 4-5, 4-6, 4-8 and 4-9, tables 4-2 and 4-3."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def need_section(study: Study) -> Section:
     rows.append(Row("scenes with the need among the test scenarios", 16 / 120, rate))
     return Section(
         key="need",
-        title="Scenes that need a line off the centre",
+        title="Scenes that need a line off the center",
         place="section 4-2; figures 4-5 and 4-6, table 4-2",
         words=(
             "By the thesis's words: one face alone has feasible options (to exact surfaces, with a "
@@ -67,7 +67,7 @@ def need_section(study: Study) -> Section:
         pictures=(
             Picture(
                 "figure-4-6",
-                f"Categories in {count} scenes that need a line off the centre (figure 4-6).",
+                f"Categories in {count} scenes that need a line off the center (figure 4-6).",
                 svg=category_shares((SINGLE, CASCADE), _both(board)),
                 alt="Shares of red, yellow and green picks of single and cascade grid",
             ),

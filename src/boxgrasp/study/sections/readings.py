@@ -33,7 +33,7 @@ def readings_section(study: Study) -> Section:
         title="Dimensions as features, read in two ways",
         place="section 3-3-2",
         words=(
-            "`Normalised with respect to the maximal AABB edge` can mean the longest edge of the "
+            "`Normalized with respect to the maximal AABB edge` can mean the longest edge of the "
             "training set, which all else in this report uses, or each box's own, which loses its "
             "scale. C and gamma are held.",
         ),

@@ -18,9 +18,9 @@ def samples_section() -> Section:
         Row("samples, dense at 3 cm", 2256, len(sampling("dense"))),
         Row("samples, grid", 184, len(sampling("grid"))),
         Row("samples, spiral", 184, len(spiral_points)),
-        Row("nearest neighbours of the spiral, least, cm", 6.6, round(100 * gaps.min(), 2)),
-        Row("nearest neighbours of the spiral, average, cm", 7.2, round(100 * gaps.mean(), 2)),
-        Row("nearest neighbours of the spiral, most, cm", 7.5, round(100 * gaps.max(), 2)),
+        Row("nearest neighbors of the spiral, least, cm", 6.6, round(100 * gaps.min(), 2)),
+        Row("nearest neighbors of the spiral, average, cm", 7.2, round(100 * gaps.mean(), 2)),
+        Row("nearest neighbors of the spiral, most, cm", 7.5, round(100 * gaps.max(), 2)),
     ]
     for name, side, top in (("spiral", 57, 118), ("grid", 60, 120)):
         points = sampling(name)
@@ -72,7 +72,7 @@ def samples_section() -> Section:
 
 
 def _nearest(points: np.ndarray) -> np.ndarray:
-    """(N,) distance of each point to its nearest neighbour."""
+    """(N,) distance of each point to its nearest neighbor."""
     away = np.linalg.norm(points[:, None] - points[None], axis=2)
     np.fill_diagonal(away, np.inf)
     return np.asarray(away.min(axis=1))
