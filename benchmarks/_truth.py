@@ -1,4 +1,4 @@
-"""Scenes by how clear their best option truly is, and what an answer is worth in them."""
+"""Scenes by how clear their best candidate truly is, and what an answer is worth in them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.simulate import (
-    OptionTruth,
+    CandidateTruth,
     TableScene,
-    TrueOption,
+    TrueCandidates,
+    candidate_truth,
     draw_scene,
-    option_truth,
-    true_options,
+    true_candidates,
 )
 
-# Least and most true clearance of a scene's best valid option, m (issue bars).
+# Least and most true clearance of a scene's best valid candidate, m (issue bars).
 BANDS = {"solvable": (0.025, np.inf), "between": (0.015, 0.025), "hopeless": (0.0, 0.015)}
 CLEAR_M = 0.02
 SAFE_M = 0.06
@@ -26,12 +26,12 @@ SAFE_SLACK_M = 0.005
 
 @dataclass(frozen=True, eq=False)
 class JudgedScene:
-    """A scene with the numbers of its true options; seed draws scene and noise again."""
+    """A scene with the numbers of its true candidates; seed draws scene and noise again."""
 
     seed: tuple[int, int]
     scene: TableScene
-    options: TrueOption
-    truth: OptionTruth
+    candidates: TrueCandidates
+    truth: CandidateTruth
 
     @property
     def rng(self) -> np.random.Generator:
@@ -64,13 +64,13 @@ def band_of(best_m: float) -> str:
 def judged(seed: int, number: int, **draw: object) -> JudgedScene:
     """Scene `number` of a seed: the same whatever other scenes were drawn."""
     scene = draw_scene(np.random.default_rng((seed, number, 0)), **draw)  # type: ignore[arg-type]
-    options = true_options(scene)
-    truth = option_truth(scene, options.T_base_gripper)
-    return JudgedScene((seed, number), scene, options, truth)
+    candidates = true_candidates(scene)
+    truth = candidate_truth(scene, candidates.T_base_gripper)
+    return JudgedScene((seed, number), scene, candidates, truth)
 
 
 def scenes(seed: int, count: int, band: str, **draw: object) -> Iterator[JudgedScene]:
-    """The first `count` scenes of a seed whose best option is in the band."""
+    """The first `count` scenes of a seed whose best candidate is in the band."""
     number = 0
     while count:
         candidate = judged(seed, number, **draw)
@@ -84,15 +84,15 @@ def verdict(
     judged_scene: JudgedScene, T_base_gripper: np.ndarray, gripper: Gripper | None = None
 ) -> Verdict:
     """What an answered pose (4, 4) is worth; safe: within 5 mm of u or more (u: strict score)."""
-    truth = option_truth(judged_scene.scene, np.asarray(T_base_gripper)[None], gripper=gripper)
+    truth = candidate_truth(judged_scene.scene, np.asarray(T_base_gripper)[None], gripper=gripper)
     clearance = float(truth.clearance_m[0])
     u = min(SAFE_M, judged_scene.truth.best_m)
     return Verdict(
         clearance_m=clearance,
         clear=clearance >= CLEAR_M,
         safe=clearance >= u - SAFE_SLACK_M,
-        off_table=bool(truth.support_m[0] > 0),
-        free_approach=bool(truth.approach_m[0] > 0),
+        off_table=bool(truth.plane_clearance_m[0] > 0),
+        free_approach=bool(truth.approach_clearance_m[0] > 0),
         fits=bool(truth.fits[0]),
     )
 

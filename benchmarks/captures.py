@@ -48,7 +48,7 @@ SETTINGS = {
     "6dofgn_cheezit": Setting(by_mask=True),
     "haf_table1": Setting(cloud_frame="base"),
     "indus_table": Setting(cloud_frame="base"),
-    "pcl_milk_clorox": Setting({"scene": {"far_m": 2.6}}),  # five targets lie beyond 1.6 m
+    "pcl_milk_clorox": Setting({"scene": {"max_range_m": 2.6}}),  # five targets lie beyond 1.6 m
     "posecnn_02": Setting(),
     "posecnn_03": Setting(),
     "uois_00": Setting(),
@@ -189,8 +189,8 @@ def row_of(job: Job, answer: Answer) -> str:
         what = f"{FACES[selection.face - 1]} line {selection.line}"
         what = f"{what}, {100 * selection.clearance_m:.1f} cm clear"
     else:
-        option = selection.option(selection.best_rejected or 1)
-        what = f"best {FACES[option.face - 1]} line {option.line}: {selection.blocking}"
+        candidate = selection.candidate(selection.best_rejected or 1)
+        what = f"best {FACES[candidate.face - 1]} line {candidate.line}: {selection.blocking}"
     return f"{head}{selection.status:6s} {agree:8s} {box}  {what}"
 
 

@@ -2,7 +2,7 @@
 
 Scenes of the thesis's kind (its known and novel objects, up to four obstacles and floating lamps),
 seen with Xtion-like noise, the target named by a pixel, segmentation by the package itself; every
-answered pose is judged against exact surfaces, hidden sides included. Bands by the best option that
+answered pose is judged against exact surfaces, hidden sides included. Bands by the best candidate that
 is in truth off the table, fits and has a free approach: solvable (2.5 cm and more), hopeless (under
 1.5 cm), between. Shares with their Wilson 95 % intervals, for the package's segmentation and for
 the thesis's Euclidean one. A wrong box: a dimension off by more than 1.5 cm from the true box's.
@@ -68,12 +68,12 @@ def outcome(scene: JudgedScene, segmentation: str) -> Outcome:
         selection = selector(segmentation).select(capture)
     except BoxgraspError as error:
         return Outcome("none", None, np.inf, False, str(error))
-    worth = None
+    metrics = None
     if selection.T_base_gripper is not None:
-        worth = verdict(scene, selection.T_base_gripper)
+        metrics = verdict(scene, selection.T_base_gripper)
     return Outcome(
         selection.status,
-        worth,
+        metrics,
         box_error_m(scene, selection),
         any("lower bound" in line for line in selection.warnings),
         selection.blocking or "",

@@ -16,7 +16,7 @@ import numpy as np
 import octomap
 
 from boxgrasp.geometry.transforms import make_transform, rotation_z, transform
-from boxgrasp.mapping.local_map import OccupancyConfig
+from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.mapping.ray_insertion import build_local_map, lattice_transform
 from boxgrasp.simulate import draw_scene, to_capture
 
@@ -50,7 +50,7 @@ def frame(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return thinned(base), T[:3, 3], make_transform(rotation_z(0.3), center)
 
 
-def cells(tree: octomap.OcTree, config: OccupancyConfig) -> tuple[np.ndarray, np.ndarray]:
+def cells(tree: octomap.OcTree, config: MappingConfig) -> tuple[np.ndarray, np.ndarray]:
     """Log-odds and known flags of OctoMap's cells on our lattice."""
     lowest, shape = config.lattice()
     values, known = np.zeros(shape, np.float32), np.zeros(shape, bool)
@@ -73,7 +73,7 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, {len(points)} points of one frame; medians, ms (least)")
     print("cell   cells   ours         one thread   exact         discretized   ratios      equal")
     for resolution in (0.03, 0.07):
-        config = OccupancyConfig(resolution_m=resolution)
+        config = MappingConfig(resolution_m=resolution)
         L = lattice_transform(T_base_map, resolution)
         x = points.astype(np.float64)
         rows = [
@@ -84,16 +84,16 @@ def main() -> None:
 
         def insert(
             discretize: bool,
-            config: OccupancyConfig = config,
+            config: MappingConfig = config,
             cloud: np.ndarray = cloud,
             origin: np.ndarray = origin,
         ) -> octomap.OcTree:
             tree = octomap.OcTree(config.resolution_m)
-            tree.setProbMiss(config.miss)
+            tree.setProbMiss(config.prob_miss)
             tree.insertPointCloud(cloud, origin, maxrange=-1.0, discretize=discretize)
             return tree
 
-        def ours(threads: int = 2, config: OccupancyConfig = config) -> object:
+        def ours(threads: int = 2, config: MappingConfig = config) -> object:
             return build_local_map([(points, eye)], T_base_map, config, threads=threads)
 
         local = build_local_map([(points, eye)], T_base_map, config)

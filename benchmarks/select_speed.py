@@ -3,7 +3,7 @@
 From a 640 x 480 depth array to an answer, wall time around the call, warm, on several cast scenes.
 The obvious pipeline: back-projection, pass-through, Open3D's 3 mm voxels, plane, outliers and
 clusters over all that is seen; OctoMap's exact insertion of the whole cloud at 3 cm; 184 searches;
-numpy distances of the 15 options to the obstacle points. The cropped one does the same to what lies
+numpy distances of the 15 candidates to the obstacle points. The cropped one does the same to what lies
 in a cube of 60 cm round the target, and inserts discretized. Both are spared the check: they find
 no reasons, no unseen space, no free approach. All take turns call by call, so that other work on
 the machine weighs on all alike: trust the ratios.
@@ -31,7 +31,7 @@ from boxgrasp import Capture, GraspSelector, Selection
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.sampling import grid
 
@@ -60,7 +60,7 @@ def ours(selector: GraspSelector, capture: Capture) -> Selection:
 
 
 def obvious(capture: Capture, crop: bool) -> int:
-    """The pipeline of the libraries; the row of the option with most clearance."""
+    """The pipeline of the libraries; the row of the candidate with most clearance."""
     import open3d
 
     T = capture.T_base_camera
@@ -122,11 +122,11 @@ def searched(points: Floats, T: Floats, box: Box, exact: bool) -> Points:
 
 
 def farthest(box: Box, obstacles: Floats) -> int:
-    """The option whose gripper box is farthest from the obstacle points."""
+    """The candidate whose gripper box is farthest from the obstacle points."""
     hand = Gripper()
-    options = options_of(box, hand)
+    candidates = candidates_of(box, hand)
     clear = []
-    for T in options.T_base_gripper:
+    for T in candidates.T_base_gripper:
         away = np.abs(transform(invert(T), obstacles)) - hand.half_m
         clear.append(np.linalg.norm(np.maximum(away, 0.0), axis=1).min(initial=0.5))
     return int(np.argmax(clear))

@@ -1,7 +1,7 @@
 """How fast scenarios are made and the eight SVMs are found. `python benchmarks/study.py`.
 
 A scenario is drawn, cast with noise, seen twice (target given; target found by the package), with
-both feature sets, every option's numbers and exact truth, labeled, and written as Parquet. The
+both feature sets, every candidate's numbers and exact truth, labeled, and written as Parquet. The
 searches are the eight of the thesis, coarse and fine, with 5 folds, on the labels just made; beside
 them, on one SVM, scikit-learn's own grid search over the same coarse grid.
 """
@@ -23,7 +23,7 @@ from boxgrasp.teaching.matrices import largest_edge_m
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.search import COARSE_C, COARSE_GAMMA, search
 from boxgrasp.teaching.sets import SetConfig, make_set, read_set
-from boxgrasp.teaching.train import EIGHT, examples, train_eight
+from boxgrasp.teaching.train import SVMS, examples, train_svms
 
 
 def main() -> None:
@@ -48,13 +48,13 @@ def main() -> None:
         print(f"{cores} cores; {args.count} made in {spent:.1f} s, {rate:.1f} a second; 10: {held}")
         labeled = read_set(store, "labels/")
         start = time.perf_counter()
-        train_eight(store, "models/", labeled, workers)
+        train_svms(store, "models/", labeled, workers)
         spent = time.perf_counter() - start
         held = "held" if spent <= 180 else "MISSED"
         print(f"eight grid searches, training and export: {spent:.1f} s; 180 s: {held}")
     if args.rival:
         rows = labeled[1]
-        X, y = examples(rows, EIGHT[1], 3, largest_edge_m(rows))
+        X, y = examples(rows, SVMS[1], 3, largest_edge_m(rows))
         start = time.perf_counter()
         search(X, y, seed=0)
         ours = time.perf_counter() - start
@@ -63,7 +63,7 @@ def main() -> None:
         start = time.perf_counter()
         GridSearchCV(SVC(), grid, cv=folds).fit(X, y)
         theirs = time.perf_counter() - start
-        print(f"{EIGHT[1].name}: coarse and fine {ours:.1f} s; GridSearchCV, coarse {theirs:.1f} s")
+        print(f"{SVMS[1].name}: coarse and fine {ours:.1f} s; GridSearchCV, coarse {theirs:.1f} s")
 
 
 if __name__ == "__main__":

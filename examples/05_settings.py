@@ -4,13 +4,13 @@ from boxgrasp import BoxgraspError, GraspSelector, load_config
 from boxgrasp.config import config_hash, dump_config
 from boxgrasp.simulate import demo_capture
 
-config = load_config({"options": {"lines": 5, "faces": ["front", "top-parallel"]}})
+config = load_config({"candidates": {"lines": 5, "faces": ["front", "top-parallel"]}})
 selection = GraspSelector(config).select(demo_capture())
-print(len(selection.options), "options;", selection.status, selection.face)
+print(len(selection.candidates), "candidates;", selection.status, selection.face)
 assert selection.config_hash == config_hash(config)
 
 print(dump_config(config))
 try:
-    load_config({"options": {"linse": 5}})
+    load_config({"candidates": {"linse": 5}})
 except BoxgraspError as error:
     print("refused:", error)

@@ -7,12 +7,12 @@ small = {
     "length_m": 0.16,  # box of the hand with its fingers open, along the approach
     "width_m": 0.11,  # along the finger opening
     "thickness_m": 0.06,
-    "opening_m": 0.08,
-    "reach_past_face_m": 0.02,  # the fingers pass the face by this much
+    "max_opening_m": 0.08,
+    "insertion_depth_m": 0.02,  # the fingers pass the face by this much
     "T_gripper_tcp": [[1, 0, 0, 0.08], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
 }
 view = demo_capture()
 for name, config in (("default", {}), ("small", {"gripper": small})):
     selection = GraspSelector(config).select(view)
-    passing = [option.label for option in selection.options if option.rejected is None]
+    passing = [candidate.label for candidate in selection.candidates if candidate.rejected is None]
     print(f"{name} hand: {selection.status}, label {selection.label}, passing {passing}")

@@ -13,9 +13,9 @@ from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import SetConfig, make_set, read_set
-from boxgrasp.teaching.train import EIGHT, Provenance, train_one
+from boxgrasp.teaching.train import SVMS, Provenance, train_svm
 
-single_grid = next(svm for svm in EIGHT if svm.name == "single-grid")
+single_grid = next(svm for svm in SVMS if svm.name == "single-grid")
 config = SetConfig(RowConfig(Recipe(targets_of("known")), seed=1, sights=("given",)), count=40)
 with tempfile.TemporaryDirectory() as folder:
     store = Store(folder)
@@ -24,12 +24,12 @@ with tempfile.TemporaryDirectory() as folder:
     _, rows = read_set(store)
 
     made_with = Provenance("simulated", (1,), label_source="stand-in", gripper=Gripper())
-    trained = train_one(rows, single_grid, made_with)
+    trained = train_svm(rows, single_grid, made_with)
     (Path(folder) / "single-grid.onnx").write_bytes(trained.onnx)
     record = trained.record
     print(f"C {record.C:.3g}, gamma {record.gamma:.3g}, {record.support_vectors} support vectors")
     print(f"cross-validated accuracy {record.accuracy:.2f} over classes {record.classes}")
 
-    selector = GraspSelector({"chooser": "single-grid", "models": folder})
+    selector = GraspSelector({"ranker": "single-grid", "models": folder})
 selection = selector.select(demo_capture())
-print(f"{selection.chooser}: {selection.status} {selection.label}")
+print(f"{selection.ranker}: {selection.status} {selection.label}")

@@ -28,7 +28,7 @@ with tempfile.TemporaryDirectory() as folder:
     scenario = draw_scenario(recipe, seed=1, number=0)
 
 print(f"target {scenario.target}, {len(scenario.scene.spec['obstacles'])} obstacles")
-print(f"best true clearance of an option that can be taken: {scenario.truth.best_m:.3f} m")
+print(f"best true clearance of a candidate that can be taken: {scenario.truth.best_m:.3f} m")
 capture, _ = scenario.capture("xtion")  # a capture like any other, with the sensor's noise
 selection = GraspSelector().select(capture)
 print(f"{selection.status}: {selection.reason}")

@@ -137,13 +137,13 @@ def test_captures_with_wrong_targets_of_their_own() -> None:
 @pytest.mark.parametrize(
     "gripper",
     [
-        {"opening_m": 0.0},
-        {"opening_m": 0.001},
-        {"opening_m": 0.003},
-        {"opening_m": -1.0},
-        {"opening_m": 0.2},
-        {"reach_past_face_m": 0.0},
-        {"reach_past_face_m": 0.3},
+        {"max_opening_m": 0.0},
+        {"max_opening_m": 0.001},
+        {"max_opening_m": 0.003},
+        {"max_opening_m": -1.0},
+        {"max_opening_m": 0.2},
+        {"insertion_depth_m": 0.0},
+        {"insertion_depth_m": 0.3},
     ],
 )
 def test_a_gripper_that_cannot_hold_anything(gripper: dict[str, float]) -> None:
@@ -158,15 +158,15 @@ def test_a_gripper_that_cannot_hold_anything(gripper: dict[str, float]) -> None:
 @pytest.mark.parametrize(
     "config",
     [
-        {"chooser": "oracle"},
+        {"ranker": "oracle"},
         {"scenes": {}},
         {"scene": {"voxel": 0.003}},
         {"scene": {"voxel_m": 0.0}},
         {"scene": {"segmentation": "none"}},
         {"scene": {"workspace_m": [[0, 0, 0]]}},
-        {"check": {"clearance_m": -1}},
-        {"options": {"lines": 0}},
-        {"options": {"faces": []}},
+        {"checks": {"clearance_m": -1}},
+        {"candidates": {"lines": 0}},
+        {"candidates": {"faces": []}},
         {"box": {"fit": "round"}},
         {"unchecked": "yes"},
     ],
@@ -300,13 +300,13 @@ def test_damaged_views_of_a_table(
     only_answers_or_refuses(lambda: Capture(depth, camera, T, robot_mask=arm), target)
 
 
-@pytest.mark.parametrize("far_m", [1e3, 5e3, 1e5])
-def test_base_clouds_far_from_their_origin(far_m: float) -> None:
+@pytest.mark.parametrize("max_range_m", [1e3, 5e3, 1e5])
+def test_base_clouds_far_from_their_origin(max_range_m: float) -> None:
     """A map frame may lie kilometers off; whatever float32 leaves is answered or refused."""
     points, _ = view().valid_points()
     T = SCENE.T_base_camera
     base = points @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)
-    moved = base.astype(np.float64) + (far_m, -far_m, 0.0)
+    moved = base.astype(np.float64) + (max_range_m, -max_range_m, 0.0)
     only_answers_or_refuses(lambda: Capture.from_cloud(moved, cloud_frame="base"), Target(object=1))
 
 

@@ -112,15 +112,15 @@ def test_a_scene_is_drawn_the_same_whatever_came_before() -> None:
     np.testing.assert_array_equal(again.scene.T_base_camera, first.scene.T_base_camera)
 
 
-def test_the_true_option_that_is_best_is_good_and_safe() -> None:
+def test_the_true_candidate_that_is_best_is_good_and_safe() -> None:
     truth = module("_truth")
     scene = next(truth.scenes(3, 1, "solvable"))
     clear = np.where(scene.truth.valid, scene.truth.clearance_m, -1.0)
-    worth = truth.verdict(scene, scene.options.T_base_gripper[int(np.argmax(clear))])
-    assert worth.good and worth.safe
+    metrics = truth.verdict(scene, scene.candidates.T_base_gripper[int(np.argmax(clear))])
+    assert metrics.good and metrics.safe
 
 
-def test_farthest_option_is_the_one_away_from_the_obstacle() -> None:
+def test_farthest_candidate_is_the_one_away_from_the_obstacle() -> None:
     speed = module("select_speed")
     box = speed.Box(np.eye(4), np.array([0.06, 0.06, 0.20]))
     wall = np.stack(np.meshgrid([-0.10], np.linspace(-0.2, 0.2, 9), np.linspace(0, 0.3, 7)), -1)

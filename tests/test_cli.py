@@ -100,7 +100,7 @@ def test_no_command_shows_the_commands(capsys: pytest.CaptureFixture[str]) -> No
         ("select a --scan", "argument --scan: expected at least one argument"),
         ("select a --faces front,rear", "unknown face: rear; valid: left, front, right"),
         ("select a --faces ,", "unknown face: none; valid: left, front, right"),
-        ("select a --chooser oracle", "oracle; valid: clearance"),
+        ("select a --ranker oracle", "oracle; valid: clearance"),
         ("select a --config nowhere.yaml", "nowhere.yaml: No such file"),
         ("select a --gripper nowhere.yaml", "nowhere.yaml: No such file"),
         ("select a --mask nowhere.png", "nowhere.png: No such file"),
@@ -122,7 +122,7 @@ def test_mistakes_are_one_line_and_status_2(
 
 WORDS = st.sampled_from(
     [*COMMANDS, "--json", "--pixel", "--point", "--object", "--mask", "--scan", "--config", "--"]
-    + ["--faces", "--picture", "--gripper", "--chooser", "--octomap", "--cloud-frame", "-v", "-"]
+    + ["--faces", "--picture", "--gripper", "--ranker", "--octomap", "--cloud-frame", "-v", "-"]
     + ["1", "-1", "nan", "1e999", "front", "gone.npz", "", " ", "\n", "=", "--pixel=1", "base"]
 )
 
@@ -282,16 +282,16 @@ def test_unchecked_always_grasps(table: str, capsys: pytest.CaptureFixture[str])
 
 def test_gripper_file(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "hand.yaml"
-    path.write_text("{opening_m: 0.01}")
+    path.write_text("{max_opening_m: 0.01}")
     assert main(["select", "--json", table, "--gripper", str(path)]) == 0
     (answer,) = answers(capsys.readouterr().out)
     assert answer["status"] == "ask"
-    path.write_text("{opening_m: 0}")
+    path.write_text("{max_opening_m: 0}")
     assert main(["select", "--json", table, "--gripper", str(path)]) == 2
-    assert "opening_m is 0; valid: a number above 0" in one_line(capsys)
+    assert "max_opening_m is 0; valid: a number above 0" in one_line(capsys)
 
 
-def test_explain_names_every_option(table: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_names_every_candidate(table: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", table]) == 0
     lines = capsys.readouterr().out.splitlines()
     rows = lines[-15:]
@@ -342,13 +342,13 @@ def test_demo(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 def test_config_is_what_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = tmp_path / "hand.yaml"
-    hand.write_text("opening_m: 0.08")
+    hand.write_text("max_opening_m: 0.08")
     assert main(["config", "--gripper", str(hand), "--faces", "front, right", "--unchecked"]) == 0
     text = capsys.readouterr().out
     path = tmp_path / "c.yaml"
     path.write_text(text)
     config = load_config(path)
-    assert config.gripper.opening_m == 0.08 and config.options.faces == ("front", "right")
+    assert config.gripper.max_opening_m == 0.08 and config.candidates.faces == ("front", "right")
     assert config.unchecked
     assert text.splitlines()[0] == f"# config_hash: {config_hash(config)}"
 
@@ -434,7 +434,9 @@ def test_scans_and_map(
     for words in ("", f"--scan {table} {table}", f"--octomap {file}"):
         assert main(["select", "--json", table, *words.split()]) == 0
         (answer,) = answers(capsys.readouterr().out)
-        told[words.partition(" ")[0]] = [option["seen_m"] for option in answer["options"]]  # type: ignore[attr-defined]
+        told[words.partition(" ")[0]] = [
+            candidate["visible_clearance_m"] for candidate in answer["candidates"]
+        ]  # type: ignore[attr-defined]
     assert len(told["--scan"]) == 15
     assert all(mapped <= alone for mapped, alone in zip(told["--octomap"], told[""], strict=True))
     assert max(told["--octomap"][9:]) < 0.01 < max(told[""][9:]), (

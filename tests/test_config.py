@@ -130,9 +130,9 @@ def test_unreadable_file(tmp_path: Path, path: str) -> None:
 
 def test_numbers_as_people_write_them(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
-    path.write_text("gripper: {length_m: 2e-1, opening_m: 1.0E-1, width_m: 1}")
+    path.write_text("gripper: {length_m: 2e-1, max_opening_m: 1.0E-1, width_m: 1}")
     gripper = load_config(path).gripper
-    assert (gripper.length_m, gripper.opening_m, gripper.width_m) == (0.2, 0.1, 1.0)
+    assert (gripper.length_m, gripper.max_opening_m, gripper.width_m) == (0.2, 0.1, 1.0)
 
 
 def test_hash_is_of_the_values() -> None:
@@ -153,12 +153,12 @@ def test_config_built_by_hand_is_checked_too() -> None:
 
 def test_gripper_file(tmp_path: Path) -> None:
     path = tmp_path / "g.yaml"
-    path.write_text("opening_m: 0.08")
-    assert load_gripper(path).opening_m == 0.08
+    path.write_text("max_opening_m: 0.08")
+    assert load_gripper(path).max_opening_m == 0.08
     path.write_text("opening: 0.08")
-    with pytest.raises(GripperError, match="did you mean opening_m"):
+    with pytest.raises(GripperError, match="did you mean max_opening_m"):
         load_gripper(path)
-    path.write_text("opening_m: 0.5")
+    path.write_text("max_opening_m: 0.5")
     with pytest.raises(GripperError, match="exceeds width_m"):
         load_gripper(path)
 

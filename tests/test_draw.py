@@ -27,10 +27,10 @@ from boxgrasp.draw.words import facts_of, headline_of
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, transform
-from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.perception.scene import SceneObject
-from boxgrasp.result import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, Candidate, Selection
 
 TABLE_M = 0.80
 
@@ -47,23 +47,23 @@ def made(lines: int = 3) -> Selection:
     """An answer by hand round the mug's place: numbers are plain, so a test can know them."""
     box = Box(make_transform(rotation_z(0.2), (0.85, 0.0, TABLE_M + 0.05)), np.full(3, 0.09))
     gripper = Gripper()
-    options = options_of(box, gripper, lines)
+    candidates = candidates_of(box, gripper, lines)
     reports = tuple(
-        OptionReport(
+        Candidate(
             label=k + 1,
-            face=int(options.face[k]),
-            line=int(options.line[k]),
-            T_base_gripper=options.T_base_gripper[k],
-            width_m=float(options.width_m[k]),
-            seen_m=(0.01, 0.04, 0.08)[k % 3],
-            unseen_m=0.5,
-            support_m=0.03,
-            approach_m=0.05,
+            face=int(candidates.face[k]),
+            line=int(candidates.line[k]),
+            T_base_gripper=candidates.T_base_gripper[k],
+            width_m=float(candidates.width_m[k]),
+            visible_clearance_m=(0.01, 0.04, 0.08)[k % 3],
+            unseen_distance_m=0.5,
+            plane_clearance_m=0.03,
+            approach_clearance_m=0.05,
             fits=True,
             rejected="obstacle 1.0 cm, needs 2.3 cm" if k % 3 == 0 else None,
             preference=k + 1,
         )
-        for k in range(len(options.label))
+        for k in range(len(candidates.label))
     )
     chosen = reports[1]
     T_pre = chosen.T_base_gripper.copy()
@@ -73,7 +73,7 @@ def made(lines: int = 3) -> Selection:
         reason="first by preference that passes",
         frame="given",
         T_base_camera=captured().T_base_camera,
-        chooser="clearance",
+        ranker="clearance",
         face=chosen.face,
         line=chosen.line,
         label=chosen.label,
@@ -83,11 +83,11 @@ def made(lines: int = 3) -> Selection:
         position_m=chosen.T_base_gripper[:3, 3],
         quaternion_xyzw=np.array((0.0, 0.0, 0.0, 1.0)),
         opening_m=0.12,
-        clearance_m=chosen.seen_m,
+        clearance_m=chosen.visible_clearance_m,
         box=BoxReport(box.T_base_box, box.dimensions_m),
         best_rejected=1,
         blocking=None,
-        options=reports,
+        candidates=reports,
         warnings=(),
         config_hash="0" * 16,
         timings_ms={"total": 1.0},
@@ -96,21 +96,21 @@ def made(lines: int = 3) -> Selection:
 
 
 def asking(best: int = 1, **changes: Any) -> Selection:
-    """The same as a question, the best option changed as a test needs it."""
-    options = list(made().options)
-    options[best - 1] = dataclasses.replace(options[best - 1], **changes)
+    """The same as a question, the best candidate changed as a test needs it."""
+    candidates = list(made().candidates)
+    candidates[best - 1] = dataclasses.replace(candidates[best - 1], **changes)
     nothing = dict.fromkeys(
         ("face", "line", "label", "T_base_gripper", "T_base_tcp", "T_base_pregrasp")
         + ("position_m", "quaternion_xyzw", "opening_m", "clearance_m")
     )
-    reason = options[best - 1].rejected
+    reason = candidates[best - 1].rejected
     return dataclasses.replace(
         made(),
         status="ask",
-        reason=f"no option passes; the nearest to it, {best}: {reason}",
+        reason=f"no candidate passes; the nearest to it, {best}: {reason}",
         blocking=reason,
         best_rejected=best,
-        options=tuple(options),
+        candidates=tuple(candidates),
         **nothing,
     )
 
@@ -221,12 +221,12 @@ def test_the_fingers_stand_at_the_opening_and_end_with_the_gripper() -> None:
 def test_every_line_lies_on_its_face_for_any_gripper() -> None:
     selection = made()
     box = selection.box
-    for option in selection.options:
+    for candidate in selection.candidates:
         local = transform(invert(box.T_base_box), contact_line(option, box))
         assert np.abs(local).max() == pytest.approx(0.045)
-        assert np.linalg.norm(local[1] - local[0]) == pytest.approx(option.width_m)
+        assert np.linalg.norm(local[1] - local[0]) == pytest.approx(candidate.width_m)
         way = option.T_base_gripper[:3, 3] - face_point(option, box)
-        np.testing.assert_allclose(way, -0.10 * option.T_base_gripper[:3, 0], atol=1e-9)
+        np.testing.assert_allclose(way, -0.10 * candidate.T_base_gripper[:3, 0], atol=1e-9)
 
 
 def test_edges_join_corners_that_differ_in_one_axis() -> None:
@@ -382,7 +382,7 @@ def test_a_grasp_shows_the_gripper_and_an_ask_what_is_in_the_way() -> None:
 def test_the_chosen_gripper_is_drawn_where_it_will_be() -> None:
     """Another line on the same face moves blue in the picture, and only where a hand is."""
     selection = made()
-    other = selection.option(12)
+    other = selection.candidate(12)
     moved = dataclasses.replace(
         selection, label=12, face=4, line=3, T_base_gripper=other.T_base_gripper
     )
@@ -395,9 +395,10 @@ def test_the_chosen_gripper_is_drawn_where_it_will_be() -> None:
 def test_categories_and_rejections_change_marks() -> None:
     selection = made()
     safe = tuple(
-        dataclasses.replace(option, seen_m=0.2, rejected=None) for option in selection.options
+        dataclasses.replace(option, visible_clearance_m=0.2, rejected=None)
+        for option in selection.options
     )
-    all_safe = draw_selection(captured(), dataclasses.replace(selection, options=safe))
+    all_safe = draw_selection(captured(), dataclasses.replace(selection, candidates=safe))
     mixed = pictured("grasp")
     assert count_of(all_safe, CATEGORY["green"]) > count_of(mixed, CATEGORY["green"]) > 500
     assert count_of(all_safe, CATEGORY["red"]) < count_of(mixed, CATEGORY["red"])
@@ -413,10 +414,10 @@ def unmarked() -> Image.Image:
     [
         ("target 14.0 cm wide, opening 12.0 cm less 0.3 cm", {"fits": False, "width_m": 0.14}),
         ("width unknown", {"fits": False}),
-        ("support plane -1.2 cm", {"support_m": -0.012}),
+        ("support plane -1.2 cm", {"plane_clearance_m": -0.012}),
         ("object 2 1.0 cm, needs 2.3 cm", {}),
-        ("approach: object 2 0.0 cm", {"approach_m": 0.0}),
-        ("unseen space 0.0 cm, needs 1.0 cm", {"unseen_m": 0.0}),
+        ("approach: object 2 0.0 cm", {"approach_clearance_m": 0.0}),
+        ("unseen space 0.0 cm, needs 1.0 cm", {"unseen_distance_m": 0.0}),
         ("object 2 1.0 cm, needs 2.3 cm; approach: object 2 0.0 cm; width unknown", {}),
     ],
 )
@@ -426,11 +427,11 @@ def test_every_reason_is_marked_in_the_picture(rejected: str, changes: dict[str,
     answer = dataclasses.replace(
         asking(rejected=rejected, **changes), reason=plain.reason, blocking=plain.blocking
     )
-    best = answer.option(1)
+    best = answer.candidate(1)
     cloud = base_cloud(captured(), answer.T_base_camera)
     marks = evidence_of(cloud.points, answer, best, Gripper(), TABLE_M)
     assert [mark.word for mark in marks] == rejected.split("; ")
-    assert evidence_of(cloud.points, plain, plain.option(1), Gripper(), TABLE_M) == []
+    assert evidence_of(cloud.points, plain, plain.candidate(1), Gripper(), TABLE_M) == []
     area = (14, 84, 922, 765)
     marked, bare = draw_selection(captured(), answer).crop(area), bare.crop(area)
     assert (pixels(marked) != pixels(bare)).any(axis=2).sum() > 150
@@ -440,10 +441,10 @@ def test_every_reason_is_marked_in_the_picture(rejected: str, changes: dict[str,
 
 def test_the_nearest_obstacle_is_the_nearest_point_that_is_neither_target_nor_table() -> None:
     selection = made()
-    option = selection.option(12)
+    candidate = selection.candidate(12)
     rng = np.random.default_rng(3)
     points = rng.uniform((0.5, -0.4, 0.75), (1.2, 0.4, 1.1), (4000, 3)).astype(np.float32)
-    found = nearest_obstacle(points, selection.box, option, Gripper(), TABLE_M, 0.0)
+    found = nearest_obstacle(points, selection.box, candidate, Gripper(), TABLE_M, 0.0)
     assert found is not None
     half = Gripper().half_m
     best = np.inf
@@ -451,12 +452,12 @@ def test_the_nearest_obstacle_is_the_nearest_point_that_is_neither_target_nor_ta
         local = transform(invert(selection.box.T_base_box), point[None])[0]
         if point[2] <= TABLE_M + 0.012 or (np.abs(local) <= 0.055).all():
             continue
-        at = transform(invert(option.T_base_gripper), point[None])[0]
+        at = transform(invert(candidate.T_base_gripper), point[None])[0]
         best = min(best, float(np.linalg.norm(np.maximum(np.abs(at) - half, 0))))
     assert found.distance_m == pytest.approx(best, abs=1e-5)
     gap = np.linalg.norm(found.point - found.on_hand)
     assert gap == pytest.approx(best, abs=1e-5)
-    none = nearest_obstacle(points[:0], selection.box, option, Gripper(), TABLE_M, 0.0)
+    none = nearest_obstacle(points[:0], selection.box, candidate, Gripper(), TABLE_M, 0.0)
     assert none is None
 
 
@@ -551,8 +552,8 @@ def test_long_texts_make_the_picture_higher_not_wider() -> None:
     assert draw_selection(captured(), endless).width == 1600
 
 
-def test_an_ask_without_any_option_left_is_drawn() -> None:
-    bare = dataclasses.replace(asking(), best_rejected=None, options=(), blocking=None)
+def test_an_ask_without_any_candidate_left_is_drawn() -> None:
+    bare = dataclasses.replace(asking(), best_rejected=None, candidates=(), blocking=None)
     assert draw_selection(captured(), bare).width == 1600
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.geometry.transforms import rotation_z
-from boxgrasp.mapping.local_map import LocalMap, OccupancyConfig, local_map_of, log_odds
+from boxgrasp.mapping.local_map import LocalMap, MappingConfig, local_map_of, log_odds
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.ranking.features import (
     FACE_FEATURE,
@@ -27,7 +27,7 @@ FACES = (1, 2, 3, 4, 5)
 
 def a_map(seed: int, resolution: float) -> LocalMap:
     r = np.random.default_rng(seed)
-    config = OccupancyConfig(resolution_m=resolution)
+    config = MappingConfig(resolution_m=resolution)
     _, shape = config.lattice()
     values = r.choice([log_odds(0.3), np.float32(0), log_odds(0.7)], shape).astype(np.float32)
     return local_map_of(values, r.random(shape) < 0.7, np.eye(4), config)
@@ -77,10 +77,10 @@ def test_schema_hashes_stay_what_stored_models_expect() -> None:
 
 
 def test_what_the_map_does_not_know_is_a_half() -> None:
-    nothing = build_local_map([], np.eye(4), OccupancyConfig(resolution_m=0.07))
+    nothing = build_local_map([], np.eye(4), MappingConfig(resolution_m=0.07))
     assert (single(nothing, BOX, grid(), 0.24)[:184] == 0.5).all()
     # Samples outside the grid, too.
-    config = OccupancyConfig(resolution_m=0.07, half_width_m=0.14, height_m=0.2)
+    config = MappingConfig(resolution_m=0.07, half_width_m=0.14, height_m=0.2)
     lowest, shape = config.lattice()
     small = local_map_of(np.full(shape, 3.0, np.float32), np.ones(shape, bool), np.eye(4), config)
     values = single(small, BOX, grid(), 0.24)[:184]
@@ -117,7 +117,7 @@ def test_a_scene_turned_with_the_face_gives_the_same_line_features() -> None:
         for face in faces:
             yaw = {1: np.pi, 2: -np.pi / 2, 4: -np.pi / 2}.get(face, 0.0)
             turned = (points @ rotation_z(yaw).T).astype(np.float32)
-            local = build_local_map([(turned, None)], np.eye(4), OccupancyConfig(resolution_m=0.07))
+            local = build_local_map([(turned, None)], np.eye(4), MappingConfig(resolution_m=0.07))
             seen.append(line(local, BOX, grid(), face, 0.24)[:-1])
         assert (seen[0] == 1).any()
         for other in seen[1:]:

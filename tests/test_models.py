@@ -231,7 +231,7 @@ def test_the_record_comes_back() -> None:
         ({"accuracy": 2}, "accuracy is 2"),
         ({"largest_edge_m": 0}, "largest_edge_m is 0"),
         ({"features": ["f0", "f1"]}, "schema_hash is not that of the features"),
-        ({"gripper": {"opening_m": 9}}, "gripper.opening_m is 9"),
+        ({"gripper": {"max_opening_m": 9}}, "gripper.max_opening_m is 9"),
         ({"gripper": {"teeth": 2}}, "unknown key 'teeth' in gripper"),
         ({"versions": {"a": 1}}, "versions"),
         ({"seeds": "1"}, "seeds is '1'"),

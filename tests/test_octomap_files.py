@@ -26,7 +26,7 @@ from boxgrasp.mapping.local_map import (
     OCCUPIED,
     UNSEEN,
     LocalMap,
-    OccupancyConfig,
+    MappingConfig,
     local_map_of,
 )
 from boxgrasp.mapping.ray_insertion import build_local_map
@@ -65,7 +65,7 @@ def a_map(T: np.ndarray, seed: int = 0, resolution: float = 0.03) -> LocalMap:
     r = np.random.default_rng(seed)
     points = r.normal(0, 0.2, (3000, 3)).astype(np.float32) + T[:3, 3].astype(np.float32)
     scans = [(points, T[:3, 3] + [-0.6, 0.1, 0.7])] * 2
-    return build_local_map(scans, T, OccupancyConfig(resolution_m=resolution))
+    return build_local_map(scans, T, MappingConfig(resolution_m=resolution))
 
 
 @settings(parent=QUIET, max_examples=20)
@@ -190,7 +190,7 @@ def test_local_map_samples_a_tree_at_its_cells_centers(
 ) -> None:
     tree = tree_of(seed, theirs, scans=2, n=100)
     T = make_transform(rotation_z(yaw), np.array([0.1, 0.2, 0.0]))
-    config = OccupancyConfig(resolution_m=ours)
+    config = MappingConfig(resolution_m=ours)
     local = local_map_from_octomap(tree, T, config)
     index = np.random.default_rng(seed).integers(0, local.shape, (200, 3))
     centers = local.centers[tuple(index.T)] @ T[:3, :3].T + T[:3, 3]
@@ -325,7 +325,7 @@ def test_reading_works_without_octomap_python_and_writing_says_what_to_install(
 
 
 def test_uncertain_cells_stay_uncertain_in_ot(tmp_path: Path) -> None:
-    config = OccupancyConfig()
+    config = MappingConfig()
     lowest, shape = config.lattice()
     values = np.zeros(shape, np.float32)
     values[3, 3, 3] = 0.25

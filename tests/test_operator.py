@@ -9,7 +9,7 @@ import pytest
 
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
-from boxgrasp.grasps.candidates import TOP_PARALLEL, options_of
+from boxgrasp.grasps.candidates import TOP_PARALLEL, candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.teaching.operators import Shown
 from boxgrasp.teaching.stand_in import StandIn
@@ -20,7 +20,7 @@ STEADY = StandIn(eye_m=0.0, mood_m=0.0)
 def shown(size: tuple[float, float, float], points: np.ndarray | None = None) -> Shown:
     box = Box(make_transform(np.eye(3), (0.8, 0.0, 0.8 + size[2] / 2)), np.array(size))
     cloud = np.empty((0, 3), np.float32) if points is None else points.astype(np.float32)
-    return Shown(box, options_of(box, Gripper()), cloud, 0.8, Gripper())
+    return Shown(box, candidates_of(box, Gripper()), cloud, 0.8, Gripper())
 
 
 def rng() -> np.random.Generator:
@@ -46,7 +46,7 @@ def test_it_never_opens_wider_than_it_can(size: tuple[float, float, float]) -> N
     for seed in range(20):
         label = StandIn(mood_m=0.5).label(scene, np.random.default_rng(seed)).label
         assert label is not None
-        assert scene.options.width_m[label - 1] <= 0.12
+        assert scene.candidates.width_m[label - 1] <= 0.12
 
 
 def test_what_no_hand_holds_is_a_request_for_help() -> None:

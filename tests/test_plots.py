@@ -32,7 +32,7 @@ EVERY = {
     "heat": lambda: plots.heat_map(FOUND, "cascade-grid-side"),
     "scores": plots.score_functions,
     "forest": lambda: plots.forest([Row(name, 0.5, share(3, 9)) for name in NAMES]),
-    "choosers": lambda: plots.chooser_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING]),
+    "rankers": lambda: plots.ranker_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING]),
     "curves": lambda: plots.curves((1, 10), {NAMES[1]: [share(1, 9)] * 2}, "n", "s", log_x=True),
     "golden": plots.golden_spiral,
     "spiral": lambda: plots.samples_3d(sampling.spiral()),
@@ -132,12 +132,12 @@ def test_points_stand_in_the_order_of_their_values_and_missing_ones_not_at_all()
     assert "nan" not in svg.lower()
 
 
-def test_choosers_have_a_point_bare_and_one_checked():
-    svg = plots.chooser_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING])
+def test_rankers_have_a_point_bare_and_one_checked():
+    svg = plots.ranker_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING])
     assert set(groups(svg, "bare-")) == {"bare-0", "bare-1"}
     assert set(groups(svg, "checked-")) == {"checked-0"}
     with pytest.raises(ValueError, match="1 estimates; valid: 2"):
-        plots.chooser_points(NAMES, [share(1, 2)], [share(1, 2)] * 2)
+        plots.ranker_points(NAMES, [share(1, 2)], [share(1, 2)] * 2)
 
 
 def test_curves_have_a_mark_a_value_and_rise_with_it():

@@ -45,22 +45,22 @@ def test_a_row_is_what_the_selector_sees(rows) -> None:
     capture, labels = scenario.capture("xtion")
     mask = Target(mask=labels == scenario.scene.target_label)
     for name, target in (("given", mask), ("found", None)):
-        sight = selector(name, 3).sight(capture, target, cells_m=CELLS_M)
+        analysis = selector(name, 3).analyze(capture, target, cells_m=CELLS_M)
         for number in NUMBERS:
             kept = rows[f"{name}_{number}"][3]
-            assert np.array_equal(kept, getattr(sight.situation.numbers, number)), number
-        assert np.array_equal(rows[f"{name}_passes"][3], sight.verdict.passing)
+            assert np.array_equal(kept, getattr(analysis.context.numbers, number)), number
+        assert np.array_equal(rows[f"{name}_passes"][3], target_source.verdict.passing)
 
 
 def test_matrices_are_the_features_of_the_method(rows) -> None:
     scenario = scenario_of_row(CONFIG, 2)
     capture, labels = scenario.capture("xtion")
     mask = Target(mask=labels == scenario.scene.target_label)
-    situation = selector("given", 3).sight(capture, mask, cells_m=CELLS_M).situation
+    analysis = selector("given", 3).analyze(capture, mask, cells_m=CELLS_M).context
     edge = largest_edge_m(rows)
     for name in ("grid", "spiral"):
-        local_map, points = situation.maps[RESOLUTION_M[name]], sampling(name)
-        size = situation.box.dimensions_m
+        local_map, points = context.local_maps[RESOLUTION_M[name]], sampling(name)
+        size = context.box.dimensions_m
         for used in (edge, None):
             alone = features.single(local_map, size, points, used)
             assert np.array_equal(single_matrix(rows, "given", name, used)[2], alone)
@@ -94,7 +94,7 @@ def test_what_was_not_found_says_so_and_counts_nothing() -> None:
 
 
 def test_runs_of_a_scenario_share_the_scene_and_not_the_noise() -> None:
-    config = replace(CONFIG, runs=3, thin=2)
+    config = replace(CONFIG, runs=3, stride=2)
     made = [row_of(config, number) for number in range(6)]
     assert [row["number"] for row in made] == [0, 0, 0, 1, 1, 1]
     assert [row["run"] for row in made] == [0, 1, 2, 0, 1, 2]
@@ -103,8 +103,8 @@ def test_runs_of_a_scenario_share_the_scene_and_not_the_noise() -> None:
 
 
 def test_fused_frames_leave_fewer_cells_unknown() -> None:
-    alone = row_of(replace(CONFIG, thin=2, sights=("given",)), 0)
-    fused = row_of(replace(CONFIG, thin=2, frames=4, sights=("given",)), 0)
+    alone = row_of(replace(CONFIG, stride=2, target_sources=("given",)), 0)
+    fused = row_of(replace(CONFIG, stride=2, frames=4, target_sources=("given",)), 0)
     assert np.array_equal(alone["given_seen_m"], fused["given_seen_m"])
     assert (fused["given_spiral"] == 1).sum() <= (alone["given_spiral"] == 1).sum()
 
@@ -178,7 +178,7 @@ def test_an_object_file_that_changed_is_another_set(tmp_path: Path) -> None:
 def test_whoever_labels_comes_through_the_same_door() -> None:
     class Person:
         def label(self, shown, rng) -> Label:
-            assert shown.options.width_m.shape == (15,)
+            assert shown.candidates.width_m.shape == (15,)
             return Label(7, "a person")
 
     row = row_of(CONFIG, 0, Person())

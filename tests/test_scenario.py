@@ -58,12 +58,16 @@ def test_every_number_of_a_pose_is_a_tenth_of_a_millimeter() -> None:
 
 
 @pytest.mark.parametrize("number", range(6))
-def test_a_feasible_scene_has_an_option_that_a_hand_could_take(number: int) -> None:
+def test_a_feasible_scene_has_an_candidate_that_a_hand_could_take(number: int) -> None:
     truth = draw_scenario(TIGHT, 2, number).truth
     assert any(
         fits and clear >= 0.02 and support > 0 and approach > 0
         for fits, clear, support, approach in zip(
-            truth.fits, truth.clearance_m, truth.support_m, truth.approach_m, strict=True
+            truth.fits,
+            truth.clearance_m,
+            truth.plane_clearance_m,
+            truth.approach_clearance_m,
+            strict=True,
         )
     )
 
@@ -77,7 +81,7 @@ def test_the_off_center_need_is_as_the_thesis_words_it(number: int) -> None:
         if truth.fits[k] and truth.clearance_m[k] >= 0.02
     }
     assert len({face for face, _ in feasible}) == 1
-    best = max(feasible, key=lambda option: feasible[option])
+    best = max(feasible, key=lambda candidate: feasible[candidate])
     assert best[1] != 1
 
 

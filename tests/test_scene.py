@@ -93,7 +93,7 @@ def test_a_larger_floor_is_not_the_support() -> None:
     near = (view.depth > 0) & (view.depth < 5)
     assert np.count_nonzero((view.labels == 0) & near) > np.count_nonzero(view.labels == 1)
     capture = Capture(np.where(near, view.depth, 0), scene.intrinsics, T)
-    found = find_scene(capture, (), SceneConfig(far_m=2.5))
+    found = find_scene(capture, (), SceneConfig(max_range_m=2.5))
     assert height_errors(found).max() < 0.002
     assert len(found.objects) >= 2
 
@@ -117,7 +117,7 @@ def test_plane_of_real_captures(captures_dir: Path, name: str) -> None:
     if not folder.is_dir():
         pytest.skip(f"no capture {folder}")
     reference = json.loads((folder / "reference.json").read_text())
-    found = find_scene(load_capture(folder), (), SceneConfig(near_m=0.2, far_m=2.5))
+    found = find_scene(load_capture(folder), (), SceneConfig(min_range_m=0.2, max_range_m=2.5))
     assert found.T_base_camera is not None
     plane = found.plane.moved(invert(found.T_base_camera))
     assert angle_deg(plane.normal, reference["table_normal_camera"]) < 1.5
@@ -235,7 +235,7 @@ def test_near_and_far_bound_the_objects_but_not_the_obstacles() -> None:
     every = scene_of(scene)
     distances = [o.distance_m for o in every.objects]
     limit = (distances[2] + distances[3]) / 2
-    near, far = scene_of(scene, far_m=limit), scene_of(scene, near_m=limit)
+    near, far = scene_of(scene, max_range_m=limit), scene_of(scene, min_range_m=limit)
     assert [o.distance_m for o in near.objects] == pytest.approx(distances[:3], abs=0.002)
     assert [o.distance_m for o in far.objects] == pytest.approx(distances[3:], abs=0.002)
     for bounded in (near, far):

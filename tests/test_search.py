@@ -36,8 +36,8 @@ def problem(seed: int, count: int = 90, classes: int = 4) -> tuple[Any, Any]:
     """Occupancy and dimensions with skewed classes that depend on them."""
     r = np.random.default_rng(seed)
     X = np.concatenate([r.choice([0, 0.5, 1], (count, 12)), r.random((count, 3))], axis=1)
-    worth = X @ r.normal(size=(15, classes)) + np.linspace(0, 2, classes)
-    return X.astype(np.float32), worth.argmax(axis=1) + 1
+    metrics = X @ r.normal(size=(15, classes)) + np.linspace(0, 2, classes)
+    return X.astype(np.float32), metrics.argmax(axis=1) + 1
 
 
 def splits(fold: Any) -> list[tuple[Any, Any]]:

@@ -21,15 +21,15 @@ from boxgrasp.simulate import (
     add_noise,
     box_clearance,
     build_scene,
+    candidate_truth,
     cast,
     demo_capture,
     demo_scene,
     draw_scene,
     load_objects,
-    option_truth,
     to_capture,
     true_box,
-    true_options,
+    true_candidates,
 )
 from boxgrasp.simulate.camera import intrinsics_matrix, look_at
 from boxgrasp.simulate.distance import gap
@@ -470,7 +470,11 @@ def test_distance_equals_a_convex_solver() -> None:
         bounds = [(-h, h) for h in half]
         best = min(
             minimize(
-                away, rng.uniform(-half, half), bounds=bounds, tol=1e-16, options={"maxiter": 500}
+                away,
+                rng.uniform(-half, half),
+                bounds=bounds,
+                tol=1e-16,
+                candidates={"maxiter": 500},
             ).fun
             for _ in range(3)
         )
@@ -514,15 +518,15 @@ def test_gap_is_symmetric_and_knows_cylinders() -> None:
     assert gap(a, c) == gap(c, a) == pytest.approx(0.11)
 
 
-def test_true_options_follow_the_conventions() -> None:
+def test_true_candidates_follow_the_conventions() -> None:
     scene = draw_scene(np.random.default_rng(12), "cereal_y", 0)
-    options = true_options(scene)
+    candidates = true_candidates(scene)
     T_box, size = true_box(scene)
     np.testing.assert_allclose(size, (0.04, 0.20, 0.15), atol=1e-12)
     center = T_box[:3, 3]
-    assert options.label.tolist() == list(range(1, 16))
+    assert candidates.label.tolist() == list(range(1, 16))
     for k, (face, line, T) in enumerate(
-        zip(options.face, options.line, options.T_base_gripper, strict=True)
+        zip(candidates.face, candidates.line, candidates.T_base_gripper, strict=True)
     ):
         rel, (x, y, z) = T[:3, 3] - center, T[:3, :3].T
         strip = line - 2
@@ -537,18 +541,18 @@ def test_true_options_follow_the_conventions() -> None:
         np.testing.assert_allclose(x, expected[1], atol=1e-9)
         np.testing.assert_allclose(y, expected[2], atol=1e-9)
         np.testing.assert_allclose(z, np.cross(x, y), atol=1e-9)
-        assert options.width_m[k] == pytest.approx(expected[3])
+        assert candidates.width_m[k] == pytest.approx(expected[3])
 
 
-def test_true_options_equal_the_packages_options() -> None:
+def test_true_candidates_equal_the_packages_candidates() -> None:
     from boxgrasp.geometry.box import Box as TargetBox
-    from boxgrasp.grasps.candidates import options_of
+    from boxgrasp.grasps.candidates import candidates_of
 
     rng = np.random.default_rng(13)
     for lines in (1, 3, 4):
         scene = draw_scene(rng, obstacles=0, yaw="random")
-        mine = true_options(scene, lines=lines)
-        theirs = options_of(TargetBox(*true_box(scene)), Gripper(), lines)
+        mine = true_candidates(scene, lines=lines)
+        theirs = candidates_of(TargetBox(*true_box(scene)), Gripper(), lines)
         np.testing.assert_array_equal(mine.label, theirs.label)
         np.testing.assert_allclose(mine.T_base_gripper, theirs.T_base_gripper, atol=1e-9)
         np.testing.assert_allclose(mine.width_m, theirs.width_m, atol=1e-9)
@@ -569,7 +573,7 @@ def test_true_box_turns_with_the_target() -> None:
         assert T[2, 3] - size[2] / 2 == pytest.approx(0.80)
 
 
-def test_option_truth_numbers() -> None:
+def test_candidate_truth_numbers() -> None:
     spec = {
         "target": {
             "name": "green_cube",
@@ -585,13 +589,13 @@ def test_option_truth_numbers() -> None:
         "camera": {"position": [0.1, 0.0, 1.3], "gaze": [0.85, 0.0, 0.85]},
     }
     scene = build_scene(spec)
-    options = true_options(scene)
-    truth = option_truth(scene, options.T_base_gripper)
+    candidates = true_candidates(scene)
+    truth = candidate_truth(scene, candidates.T_base_gripper)
     left = 2  # left face, top line: the gripper reaches from y = 0.02 to 0.24
     assert truth.clearance_m[left] == pytest.approx(0.40 - 0.04 - 0.24)
-    assert truth.approach_m[left] == pytest.approx(0.0)
-    assert truth.support_m[left] == pytest.approx(0.05 - 0.035)
-    assert truth.support_m[0] == pytest.approx(0.01 - 0.035)
+    assert truth.approach_clearance_m[left] == pytest.approx(0.0)
+    assert truth.plane_clearance_m[left] == pytest.approx(0.05 - 0.035)
+    assert truth.plane_clearance_m[0] == pytest.approx(0.01 - 0.035)
     assert truth.fits.all()
     np.testing.assert_allclose(truth.width_m, 0.06, atol=1e-9)
     np.testing.assert_allclose(truth.off_center_m, 0.0, atol=1e-9)
@@ -599,12 +603,14 @@ def test_option_truth_numbers() -> None:
     assert not truth.valid[0]
     assert truth.valid[[5, 8]].all()
     assert truth.best_m == pytest.approx(truth.clearance_m[truth.valid].max())
-    small = option_truth(scene, options.T_base_gripper, gripper=replace(Gripper(), opening_m=0.05))
+    small = candidate_truth(
+        scene, candidates.T_base_gripper, gripper=replace(Gripper(), max_opening_m=0.05)
+    )
     assert not small.fits.any()
-    turned = options.T_base_gripper[:1] @ make_transform(
+    turned = candidates.T_base_gripper[:1] @ make_transform(
         Rotation.from_euler("x", 0.3).as_matrix(), (0, 0.01, 0)
     )
-    odd = option_truth(scene, turned)
+    odd = candidate_truth(scene, turned)
     assert odd.width_m[0] == pytest.approx(0.06 * (np.cos(0.3) + np.sin(0.3)))
     # The cube's middle is 2 cm over line 1 of three.
     assert odd.off_center_m[0] == pytest.approx(0.02 * np.sin(0.3) - 0.01 * np.cos(0.3))
@@ -614,16 +620,16 @@ def test_truth_of_clutter_equals_sampled_surfaces() -> None:
     rng = np.random.default_rng(15)
     for _ in range(4):
         scene = draw_scene(rng, obstacles=(3, 4))
-        options = true_options(scene)
-        truth = option_truth(scene, options.T_base_gripper)
+        candidates = true_candidates(scene)
+        truth = candidate_truth(scene, candidates.T_base_gripper)
         points = np.concatenate([sampled(solid, 0.002) for solid in scene.obstacles])
-        for k, T in enumerate(options.T_base_gripper):
+        for k, T in enumerate(candidates.T_base_gripper):
             seen = from_solid(Box(T, (0.22, 0.17, 0.07)), points).min()
             if truth.clearance_m[k] >= 0.5:
                 continue
             assert truth.clearance_m[k] <= seen + 1e-7
             assert seen - truth.clearance_m[k] < 0.0016
-        assert (truth.approach_m <= truth.clearance_m + 1e-9).all()
+        assert (truth.approach_clearance_m <= truth.clearance_m + 1e-9).all()
 
 
 # The demo
@@ -631,7 +637,7 @@ def test_truth_of_clutter_equals_sampled_surfaces() -> None:
 
 def test_demo_is_cluttered_solvable_and_steady() -> None:
     scene, capture = demo_scene(), demo_capture(3)
-    truth = option_truth(scene, true_options(scene).T_base_gripper)
+    truth = candidate_truth(scene, true_candidates(scene).T_base_gripper)
     assert 1 <= truth.valid.sum() <= 5
     assert truth.best_m > 0.05
     assert len(scene.obstacle_labels) >= 5

@@ -34,7 +34,7 @@ from boxgrasp.simulate.physics import Settling
 from boxgrasp.study.sections.captures import captures_section
 from boxgrasp.teaching.rows import scenario_of_row
 from boxgrasp.teaching.sets import read_set
-from boxgrasp.teaching.train import EIGHT
+from boxgrasp.teaching.train import SVMS
 
 SEED = 1
 REPRODUCE = [
@@ -175,8 +175,8 @@ def test_evaluate_says_what_the_report_says(base: Path, capsys) -> None:
     assert main(["evaluate", *words]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {line["checked"] for line in lines} == {False, True}
-    assert len(lines) == 2 * len({line["chooser"] for line in lines}) >= 14
-    assert main(["evaluate", *words[:-1], "--sight", "given"]) == 0
+    assert len(lines) == 2 * len({line["ranker"] for line in lines}) >= 14
+    assert main(["evaluate", *words[:-1], "--target", "given"]) == 0
     assert "12 scenarios" in capsys.readouterr().out
 
 
@@ -338,7 +338,7 @@ def test_captures_are_decided_again_and_bad_ones_left_out(tmp_path: Path) -> Non
     (folder / "broken.npz").write_bytes(b"no archive")
     (folder / "empty").mkdir()
     store = Store(tmp_path / "out")
-    for svm in EIGHT:
+    for svm in SVMS:
         store.write(f"models/{svm.name}.onnx", (SHIPPED / f"{svm.name}.onnx").read_bytes())
     small = study.Study(store, None, SEED, study.Scale(runs=2))  # type: ignore[arg-type]
     section = captures_section(small, folder)

@@ -3,7 +3,7 @@
 Moved scenes are compared within 0.1 mm: points are float32. Mirrored ones within 2 mm: the plane
 is refitted on other pixels of the same table, the rays are every second column from the other
 side, and voxels' and boxes' edges fall on the other side of a cell. An answer may differ where two
-options are worth the same, since then the lower label wins, and left is 1 and right 3; scenes with
+candidates are worth the same, since then the lower label wins, and left is 1 and right 3; scenes with
 such ties are left out by what the answer itself says (`tied`).
 """
 
@@ -114,11 +114,11 @@ def same_but_moved(before: Selection, after: Selection, M: np.ndarray) -> None:
     assert after.status == before.status
     np.testing.assert_allclose(after.box.dimensions_m, before.box.dimensions_m, atol=6e-4)
     np.testing.assert_allclose(after.T_base_camera, M @ np.array(before.T_base_camera), atol=1e-9)
-    for a, b in zip(before.options, after.options, strict=True):
+    for a, b in zip(before.candidates, after.candidates, strict=True):
         np.testing.assert_allclose(b.T_base_gripper, M @ a.T_base_gripper, atol=1e-4)
         assert (a.rejected is None) == (b.rejected is None)
-        assert b.seen_m == pytest.approx(a.seen_m, abs=1e-4)
-        assert b.support_m == pytest.approx(a.support_m, abs=1e-4)
+        assert b.visible_clearance_m == pytest.approx(a.visible_clearance_m, abs=1e-4)
+        assert b.plane_clearance_m == pytest.approx(a.plane_clearance_m, abs=1e-4)
     assert after.label == before.label
     if before.T_base_gripper is not None:
         np.testing.assert_allclose(after.T_base_gripper, M @ before.T_base_gripper, atol=1e-4)
@@ -175,15 +175,15 @@ def tied(found: Selection) -> bool:
     """Whether the mirror image of the choice is worth the same in the scene itself."""
     if found.label is None:
         return False
-    chosen = found.option(found.label)
-    other = found.option(mirrored_label(found.label))
+    chosen = found.candidate(found.label)
+    other = found.candidate(mirrored_label(found.label))
     habit = (chosen.face, abs(chosen.line - 2))
     rivals = [
         o
-        for o in found.options
+        for o in found.candidates
         if o.rejected is None
         and o.label != chosen.label
-        and abs(min(o.seen_m, 0.06) - min(chosen.seen_m, 0.06)) < 0.002
+        and abs(min(o.visible_clearance_m, 0.06) - min(chosen.visible_clearance_m, 0.06)) < 0.002
         and (_same_habit(o.face), abs(o.line - 2)) == (_same_habit(habit[0]), habit[1])
     ]
     return bool(rivals) or (other.label != chosen.label and other.rejected is None)
@@ -202,27 +202,27 @@ def test_enough_scenes_are_untied() -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_mirrored_scene_mirrors_the_options(seed: int) -> None:
+def test_a_mirrored_scene_mirrors_the_candidates(seed: int) -> None:
     """Poses and distances, ties or not."""
     before, after = answer(seed), SELECTOR.select(mirrored(view(seed)))
     np.testing.assert_allclose(after.box.dimensions_m, before.box.dimensions_m, atol=0.002)
-    for option in before.options:
-        other = after.option(mirrored_label(option.label))
+    for candidate in before.candidates:
+        other = after.candidate(mirrored_label(candidate.label))
         flipped = other.T_base_gripper[:3, 3] * (1, -1, 1)
-        np.testing.assert_allclose(flipped, option.T_base_gripper[:3, 3], atol=0.002)
+        np.testing.assert_allclose(flipped, candidate.T_base_gripper[:3, 3], atol=0.002)
         # Approach and finger opening mirrored, the latter as an axis without a sign.
         x, y = (other.T_base_gripper[:3, k] * (1, -1, 1) for k in (0, 1))
-        np.testing.assert_allclose(x, option.T_base_gripper[:3, 0], atol=0.02)
-        assert abs(y @ option.T_base_gripper[:3, 1]) > 0.999
-        assert other.seen_m == pytest.approx(option.seen_m, abs=0.004)
-        assert other.support_m == pytest.approx(option.support_m, abs=0.002)
+        np.testing.assert_allclose(x, candidate.T_base_gripper[:3, 0], atol=0.02)
+        assert abs(y @ candidate.T_base_gripper[:3, 1]) > 0.999
+        assert other.visible_clearance_m == pytest.approx(candidate.visible_clearance_m, abs=0.004)
+        assert other.plane_clearance_m == pytest.approx(candidate.plane_clearance_m, abs=0.002)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_mirrored_scene_mirrors_the_grasp(seed: int) -> None:
     before, after = answer(seed), SELECTOR.select(mirrored(view(seed)))
     if tied(before):
-        pytest.skip("two options are worth the same; the lower label wins")
+        pytest.skip("two candidates are worth the same; the lower label wins")
     assert after.status == before.status
     if before.status == "grasp":
         assert after.label == mirrored_label(before.label or 0)

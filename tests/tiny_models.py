@@ -1,4 +1,4 @@
-"""Small SVMs on made-up labels with the right features, for tests of files and choosers."""
+"""Small SVMs on made-up labels with the right features, for tests of files and rankers."""
 
 from __future__ import annotations
 

@@ -13,10 +13,10 @@ from os import fspath
 from typing import Any
 
 from boxgrasp.errors import ConfigError, GripperError
-from boxgrasp.grasps.candidates import OptionsConfig
-from boxgrasp.grasps.checks import CheckConfig
+from boxgrasp.grasps.candidates import CandidatesConfig
+from boxgrasp.grasps.checks import ChecksConfig
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.mapping.local_map import OccupancyConfig
+from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene import SceneConfig
 from boxgrasp.ranking.ranker import NAMES
@@ -27,26 +27,26 @@ from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 class Config:
     """Everything that can be set, room by room; see `boxgrasp config`.
 
-    chooser: who orders the options. models: folder of the trained models of an SVM chooser, null
-    for those that ship. unchecked: take the chooser's word alone, without the check.
+    ranker: who orders the candidates. models: folder of the trained models of an SVM ranker, null
+    for those that ship. unchecked: take the ranker's word alone, without the check.
 
     Raises:
-        ConfigError: no chooser has that name.
+        ConfigError: no ranker has that name.
     """
 
     scene: SceneConfig = field(default_factory=SceneConfig)
     box: BoxConfig = field(default_factory=BoxConfig)
-    occupancy: OccupancyConfig = field(default_factory=OccupancyConfig)
-    options: OptionsConfig = field(default_factory=OptionsConfig)
+    mapping: MappingConfig = field(default_factory=MappingConfig)
+    candidates: CandidatesConfig = field(default_factory=CandidatesConfig)
     gripper: Gripper = field(default_factory=Gripper)
-    check: CheckConfig = field(default_factory=CheckConfig)
-    chooser: str = "clearance"
+    checks: ChecksConfig = field(default_factory=ChecksConfig)
+    ranker: str = "clearance"
     models: str | None = None
     unchecked: bool = False
 
     def __post_init__(self) -> None:
-        if self.chooser not in NAMES:
-            raise ConfigError(f"unknown chooser: {self.chooser}; valid: {', '.join(NAMES)}")
+        if self.ranker not in NAMES:
+            raise ConfigError(f"unknown ranker: {self.ranker}; valid: {', '.join(NAMES)}")
 
 
 def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Config:

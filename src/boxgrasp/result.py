@@ -17,11 +17,11 @@ JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
 
 
 @dataclass(frozen=True, eq=False)
-class OptionReport:
-    """One option with the numbers of the check; meters, capped at 0.50.
+class Candidate:
+    """One candidate with the numbers of the check; meters, capped at 0.50.
 
-    T_base_gripper: (4, 4). rejected: None, or why the option fell out in a few words.
-    preference: place in the chooser's order, 1 first.
+    T_base_gripper: (4, 4). rejected: None, or why the candidate fell out in a few words.
+    preference: place in the ranker's order, 1 first.
     """
 
     label: int
@@ -29,13 +29,13 @@ class OptionReport:
     line: int
     T_base_gripper: Floats
     width_m: float
-    seen_m: float
-    unseen_m: float
-    support_m: float
-    approach_m: float
+    visible_clearance_m: float
+    unseen_distance_m: float
+    plane_clearance_m: float
+    approach_clearance_m: float
     fits: bool
     rejected: str | None
-    preference: int
+    ranking: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Selection:
     reason: str
     frame: str
     T_base_camera: Floats | None
-    chooser: str
+    ranker: str
     face: int | None
     line: int | None
     label: int | None
@@ -73,7 +73,7 @@ class Selection:
     box: BoxReport
     best_rejected: int | None
     blocking: str | None
-    options: tuple[OptionReport, ...]
+    candidates: tuple[Candidate, ...]
     warnings: tuple[str, ...]
     config_hash: str
     timings_ms: dict[str, float]
@@ -81,9 +81,9 @@ class Selection:
     capture: str | None = None
     schema: int = SCHEMA
 
-    def option(self, label: int) -> OptionReport:
-        """The report of the option with this label (labels count from 1)."""
-        return self.options[label - 1]
+    def candidate(self, label: int) -> Candidate:
+        """The report of the candidate with this label (labels count from 1)."""
+        return self.candidates[label - 1]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings, in the order of the published schema."""
@@ -110,8 +110,10 @@ class Selection:
             raise BoxgraspError(f"not an answer: schema is {found!r}; valid: {SCHEMA}")
         try:
             box = _build(BoxReport, data.pop("box"))
-            options = tuple(_build(OptionReport, option) for option in _listed(data, "options"))
-            selection: Selection = _build(Selection, {**data, "box": box, "options": options})
+            candidates = tuple(
+                _build(Candidate, candidate) for candidate in _listed(data, "candidates")
+            )
+            selection: Selection = _build(Selection, {**data, "box": box, "candidates": candidates})
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BoxgraspError(f"not an answer: {' '.join(str(error).split())}") from None
         return selection
@@ -122,7 +124,7 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, OptionReport | BoxReport | Selection):
+    if isinstance(value, Candidate | BoxReport | Selection):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     return value
 

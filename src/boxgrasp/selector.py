@@ -14,7 +14,7 @@ from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
 from boxgrasp.grasps import checks
-from boxgrasp.grasps.candidates import FACES, options_of
+from boxgrasp.grasps.candidates import FACES, candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
@@ -24,8 +24,8 @@ from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Visibility, look
-from boxgrasp.ranking.ranker import Preference, Setup, Situation, chooser_named
-from boxgrasp.result import BoxReport, OptionReport, Selection
+from boxgrasp.ranking.ranker import RankerSetup, Ranking, RankingContext, ranker_named
+from boxgrasp.result import BoxReport, Candidate, Selection
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.version import __version__
 
@@ -33,12 +33,12 @@ _DENSE = 150_000
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """What one view tells of a target: scene, target points, options with numbers and verdict."""
+class SceneAnalysis:
+    """What one view tells of a target: scene, target points, candidates with numbers and verdict."""
 
     scene: Scene
-    aim: TargetPoints
-    situation: Situation
+    target_points: TargetPoints
+    context: RankingContext
     verdict: checks.Verdict
     warnings: tuple[str, ...]
 
@@ -49,8 +49,8 @@ class GraspSelector:
     def __init__(self, config: Config | Mapping[str, Any] | str | None = None) -> None:
         self.config = load_config(config)
         self._hash = config_hash(self.config)
-        setup = Setup(self.config.models, self.config.gripper, self.config.options.lines)
-        self._chooser = chooser_named(self.config.chooser, setup)
+        setup = RankerSetup(self.config.models, self.config.gripper, self.config.candidates.lines)
+        self._ranker = ranker_named(self.config.ranker, setup)
 
     def select(
         self,
@@ -61,15 +61,15 @@ class GraspSelector:
     ) -> Selection:
         """The grasp that is best and passes the check, or a request for help."""
         clock = Clock()
-        # 1 to 4. The box, what surrounds it, and every option with its numbers (2-1, 2-2, 2-4).
-        cells_m = self._chooser.resolutions_m
-        sight = self.sight(capture, target, scans, octomap, cells_m=cells_m, clock=clock)
+        # 1 to 4. The box, what surrounds it, and every candidate with its numbers (2-1, 2-2, 2-4).
+        cells_m = self._ranker.resolutions_m
+        analysis = self.analyze(capture, target, scans, octomap, cells_m=cells_m, clock=clock)
         # 5. The first by preference that passes, or a question (2-3, 6-1).
-        preference = self._chooser.prefer(sight.situation)
+        ranking = self._ranker.rank(analysis.context)
         clock.lap("choose")
-        return self._answer(sight, preference, clock)
+        return self._answer(analysis, ranking, clock)
 
-    def sight(
+    def analyze(
         self,
         capture: Capture,
         target: Target | None = None,
@@ -79,7 +79,7 @@ class GraspSelector:
         scene: Scene | None = None,
         cells_m: Sequence[float] = (),
         clock: Clock | None = None,
-    ) -> Sight:
+    ) -> SceneAnalysis:
         """All that is known before a choice is made.
 
         scene: spares finding it again; cells_m: cell sizes of further local maps.
@@ -90,39 +90,43 @@ class GraspSelector:
         scene = scene or self.scene(capture, scans)
         clock.lap("scene")
         # 2. A box round the target (2-1).
-        aim = find_target(scene, capture, target)
-        box = fit_box(scene.points[aim.own], scene.plane, _heading(scene), config.box)
-        seen = look(capture, scene, aim.own, box)
+        target_points = find_target(scene, capture, target)
+        box = fit_box(
+            scene.points[target_points.target_mask], scene.plane, _heading(scene), config.box
+        )
+        seen = look(capture, scene, target_points.target_mask, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
         maps, unexplained = self._occupancy(capture, scene, scans, octomap, box, cells_m)
-        local_map = maps[config.occupancy.resolution_m]
-        clock.lap("occupancy")
-        # 4. Every option with its numbers (2-4, 3-4).
-        options = options_of(box, config.gripper, config.options.lines)
+        local_map = maps[config.mapping.resolution_m]
+        clock.lap("mapping")
+        # 4. Every candidate with its numbers (2-4, 3-4).
+        candidates = candidates_of(box, config.gripper, config.candidates.lines)
         numbers = checks.measure(
-            options,
+            candidates,
             config.gripper,
             box,
             scene,
-            aim.others,
+            target_points.obstacle_mask,
             unexplained,
             local_map,
             seen.width_known,
-            config.check,
+            config.checks,
         )
         verdict = checks.judge(
-            options,
+            candidates,
             numbers,
             config.gripper,
             scene,
-            scene.labels[aim.others],
-            config.options.faces,
-            config.check,
+            scene.labels[target_points.obstacle_mask],
+            config.candidates.faces,
+            config.checks,
         )
         clock.lap("check")
         warnings = (*capture.notes, *_warnings(scene, seen))
-        return Sight(scene, aim, Situation(box, options, numbers, maps), verdict, warnings)
+        return SceneAnalysis(
+            scene, target_points, RankingContext(box, candidates, numbers, maps), verdict, warnings
+        )
 
     def _occupancy(
         self,
@@ -134,18 +138,18 @@ class GraspSelector:
         cells_m: Sequence[float],
     ) -> tuple[dict[float, LocalMap], tuple[Floats, Floats]]:
         """Local maps by cell size, and the occupied cells of a map file that no point explains."""
-        T_base_map = box.T_base_map(self.config.occupancy.center_above_support_m)
-        sizes = dict.fromkeys((self.config.occupancy.resolution_m, *cells_m))
-        configs = {size: replace(self.config.occupancy, resolution_m=size) for size in sizes}
+        T_base_map = box.T_base_map(self.config.mapping.center_above_plane_clearance_m)
+        sizes = dict.fromkeys((self.config.mapping.resolution_m, *cells_m))
+        configs = {size: replace(self.config.mapping, resolution_m=size) for size in sizes}
         if octomap is None:
             T_source_map = invert(scene.T_base_source) @ T_base_map
-            rays = _rays(capture, scene, scans, self.config.occupancy.thin)
+            rays = _rays(capture, scene, scans, self.config.mapping.stride)
             maps = {
                 size: replace(build_local_map(rays, T_source_map, config), T_base_map=T_base_map)
                 for size, config in configs.items()
             }
             return maps, (np.empty((0, 3)), np.empty(0))
-        cells = octomap.occupied(self.config.occupancy.occupied_above)
+        cells = octomap.occupied(self.config.mapping.occupied_above)
         maps = {
             size: map_from_octomap(octomap, T_base_map, config) for size, config in configs.items()
         }
@@ -165,38 +169,42 @@ class GraspSelector:
 
     def _answer(
         self,
-        sight: Sight,
-        preference: Preference,
+        analysis: SceneAnalysis,
+        ranking: Ranking,
         clock: Clock,
     ) -> Selection:
-        config, scene, verdict = self.config, sight.scene, sight.verdict
-        box, options, numbers = (
-            sight.situation.box, sight.situation.options, sight.situation.numbers,
+        config, scene, verdict = self.config, analysis.scene, analysis.verdict
+        box, candidates, numbers = (
+            analysis.context.box, analysis.context.candidates, analysis.context.numbers,
         )  # fmt: skip
-        order = preference.order.tolist()
-        rank = np.argsort(preference.order)
+        order = ranking.order.tolist()
+        rank = np.argsort(ranking.order)
         passing = verdict.passing
-        allowed = [FACES.index(face) + 1 for face in config.options.faces]
+        allowed = [FACES.index(face) + 1 for face in config.candidates.faces]
         chosen = next(
-            (k for k in order if passing[k] or (config.unchecked and options.face[k] in allowed)),
+            (
+                k
+                for k in order
+                if passing[k] or (config.unchecked and candidates.face[k] in allowed)
+            ),
             None,
         )
         rejected = [k for k in order if not passing[k]]
         best = min(rejected, key=lambda k: (verdict.short_m[k], rank[k]), default=None)
         reports = tuple(
-            OptionReport(
-                label=int(options.label[k]),
-                face=int(options.face[k]),
-                line=int(options.line[k]),
-                T_base_gripper=readonly(options.T_base_gripper[k].copy()),
-                width_m=float(options.width_m[k]),
-                seen_m=float(numbers.seen_m[k]),
-                unseen_m=float(numbers.unseen_m[k]),
-                support_m=float(numbers.support_m[k]),
-                approach_m=float(numbers.approach_m[k]),
+            Candidate(
+                label=int(candidates.label[k]),
+                face=int(candidates.face[k]),
+                line=int(candidates.line[k]),
+                T_base_gripper=readonly(candidates.T_base_gripper[k].copy()),
+                width_m=float(candidates.width_m[k]),
+                visible_clearance_m=float(numbers.visible_clearance_m[k]),
+                unseen_distance_m=float(numbers.unseen_distance_m[k]),
+                plane_clearance_m=float(numbers.plane_clearance_m[k]),
+                approach_clearance_m=float(numbers.approach_clearance_m[k]),
                 fits=bool(numbers.fits[k] and numbers.known[k]),
                 rejected=verdict.rejected[k],
-                preference=int(rank[k]) + 1,
+                ranking=int(rank[k]) + 1,
             )
             for k in range(len(order))
         )
@@ -206,25 +214,25 @@ class GraspSelector:
         )  # fmt: skip
         blocking = None
         if chosen is not None:
-            grasp = _grasp(reports[chosen], config.gripper, config.check.approach_back_m)
+            grasp = _grasp(reports[chosen], config.gripper, config.checks.pregrasp_distance_m)
             reason = "first by preference that passes" if passing[chosen] else "unchecked"
         else:
             assert best is not None
             blocking = verdict.rejected[best]
-            reason = f"no option passes; the nearest to it, {reports[best].label}: {blocking}"
+            reason = f"no candidate passes; the nearest to it, {reports[best].label}: {blocking}"
         clock.lap("answer")
         return Selection(
             status="ask" if chosen is None else "grasp",
             reason=reason,
             frame=scene.frame,
             T_base_camera=scene.T_base_camera,
-            chooser=config.chooser,
+            ranker=config.ranker,
             **grasp,
             box=BoxReport(box.T_base_box, box.dimensions_m),
             best_rejected=None if best is None else reports[best].label,
             blocking=blocking,
-            options=reports,
-            warnings=(*sight.warnings, *self._chooser.notes),
+            candidates=reports,
+            warnings=(*analysis.warnings, *self._ranker.notes),
             config_hash=self._hash,
             timings_ms=clock.timings_ms(),
             version=__version__,
@@ -269,17 +277,19 @@ def _heading(scene: Scene) -> float:
     return float(np.arctan2(x[1], x[0]))
 
 
-def _rays(capture: Capture, scene: Scene, scans: Sequence[Capture], thin: int | None) -> list[Scan]:
+def _rays(
+    capture: Capture, scene: Scene, scans: Sequence[Capture], stride: int | None
+) -> list[Scan]:
     """Points and eye of every view, in the first view's own frame: the whole cloud, table included.
 
-    thin: as `OccupancyConfig.thin`.
+    stride: as `MappingConfig.stride`.
     """
     T_source_base = invert(scene.T_base_source)
     rays: list[Scan] = []
     for view in (capture, *scans):
         shape = view.shape
-        dense = thin is None and shape is not None and shape[0] * shape[1] > _DENSE
-        points = view.valid_points(step=2 if dense else 1)[0][::thin]
+        dense = stride is None and shape is not None and shape[0] * shape[1] > _DENSE
+        points = view.valid_points(step=2 if dense else 1)[0][::stride]
         if view is capture:
             eye = None if scene.eye_m is None else transform(T_source_base, scene.eye_m[None])[0]
             rays.append((points, eye))
@@ -308,18 +318,18 @@ def _warnings(scene: Scene, seen: Visibility) -> list[str]:
     return found
 
 
-def _grasp(option: OptionReport, gripper: Gripper, back_m: float) -> dict[str, Any]:
-    T = option.T_base_gripper
+def _grasp(candidate: Candidate, gripper: Gripper, back_m: float) -> dict[str, Any]:
+    T = candidate.T_base_gripper
     back = make_transform(np.eye(3), (-back_m, 0.0, 0.0))
     return {
-        "face": option.face,
-        "line": option.line,
-        "label": option.label,
+        "face": candidate.face,
+        "line": candidate.line,
+        "label": candidate.label,
         "T_base_gripper": T,
         "T_base_tcp": readonly(T @ np.array(gripper.T_gripper_tcp)),
         "T_base_pregrasp": readonly(T @ back),
         "position_m": readonly(T[:3, 3].copy()),
         "quaternion_xyzw": readonly(quaternion_xyzw(T[:3, :3])),
-        "opening_m": gripper.opening_m,
-        "clearance_m": option.seen_m,
+        "opening_m": gripper.max_opening_m,
+        "clearance_m": candidate.visible_clearance_m,
     }

@@ -17,13 +17,13 @@ from boxgrasp.version import __version__
 COMMANDS = {
     "select": "choose a grasp for each capture, or ask for help",
     "objects": "list what stands on the support plane",
-    "explain": "show all options as a table, with the reason each was kept or dropped",
+    "explain": "show all candidates as a table, with the reason each was kept or dropped",
     "show": "draw saved answers again",
     "demo": "cast a cluttered table, select, and write the picture",
     "config": "print the configuration as it is resolved",
     "simulate": "cast a set of labeled scenarios with their truth",
     "train": "train the thesis's eight SVMs on a set",
-    "evaluate": "hold every chooser against the truth of a set",
+    "evaluate": "hold every ranker against the truth of a set",
     "reproduce": "do the whole thesis again and write the report",
 }
 _WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce")

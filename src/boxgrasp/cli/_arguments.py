@@ -68,10 +68,10 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--config", metavar="FILE", help="YAML as `boxgrasp config` prints it")
     group.add_argument("--gripper", metavar="FILE", help="YAML of a gripper")
     group.add_argument("--faces", metavar="front,right", help="only these faces may be chosen")
-    group.add_argument("--chooser", metavar="NAME", help="who orders the options")
-    group.add_argument("--models", metavar="DIR", help="an SVM chooser's models (default: shipped)")
+    group.add_argument("--ranker", metavar="NAME", help="who orders the candidates")
+    group.add_argument("--models", metavar="DIR", help="an SVM ranker's models (default: shipped)")
     group.add_argument(
-        "--unchecked", action="store_true", help="the chooser's word alone, without the check"
+        "--unchecked", action="store_true", help="the ranker's word alone, without the check"
     )
 
 
@@ -109,9 +109,9 @@ def resolve_config(args: argparse.Namespace) -> Config:
         config["gripper"] = plain_config(load_gripper(args.gripper))
     if args.faces is not None:
         faces = (face.strip() for face in args.faces.split(","))
-        config["options"]["faces"] = [face for face in faces if face]
-    if args.chooser is not None:
-        config["chooser"] = args.chooser
+        config["candidates"]["faces"] = [face for face in faces if face]
+    if args.ranker is not None:
+        config["ranker"] = args.ranker
     if args.models is not None:
         config["models"] = args.models
     if args.unchecked:

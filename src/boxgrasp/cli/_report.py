@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from boxgrasp.grasps.candidates import FACES
-from boxgrasp.result import OptionReport, Selection
+from boxgrasp.result import Candidate, Selection
 
 
 def summary(selection: Selection) -> str:
@@ -22,7 +22,7 @@ def summary(selection: Selection) -> str:
 def _headline(selection: Selection) -> str:
     if selection.face is None or selection.line is None or selection.clearance_m is None:
         best, blocking = selection.best_rejected, selection.blocking
-        nearest = f" ({spell(selection.option(best))})" if best else ""
+        nearest = f" ({spell(selection.candidate(best))})" if best else ""
         more = f"; {blocking}" if blocking and blocking not in selection.reason else ""
         return f"ask: {selection.reason}{more}{nearest}"
     where = f"{FACES[selection.face - 1]} line {selection.line}"
@@ -35,29 +35,35 @@ def timings(selection: Selection) -> str:
     return ", ".join(f"{stage} {ms:.1f} ms" for stage, ms in selection.timings_ms.items())
 
 
-def spell(option: OptionReport) -> str:
-    """An option by the name of its face and its line."""
-    return f"{FACES[option.face - 1]} line {option.line}"
+def spell(candidate: Candidate) -> str:
+    """A candidate by the name of its face and its line."""
+    return f"{FACES[candidate.face - 1]} line {candidate.line}"
 
 
-def options_table(selection: Selection) -> str:
-    """Every option with its numbers, in cm, and why it was kept or dropped."""
+def candidates_table(selection: Selection) -> str:
+    """Every candidate with its numbers, in cm, and why it was kept or dropped."""
     head = ("label", "face", "line", "width", "seen", "unseen", "support", "approach", "", "")
-    rows = [_option_row(option, selection) for option in selection.options]
+    rows = [_candidate_row(candidate, selection) for candidate in selection.candidates]
     return table(head, rows, left=(1, 8, 9))
 
 
-def _option_row(option: OptionReport, selection: Selection) -> tuple[str, ...]:
-    lengths = ("width_m", "seen_m", "unseen_m", "support_m", "approach_m")
-    chosen = option.label == selection.label
-    kept = f"kept, choice {option.preference}"
+def _candidate_row(candidate: Candidate, selection: Selection) -> tuple[str, ...]:
+    lengths = (
+        "width_m",
+        "visible_clearance_m",
+        "unseen_distance_m",
+        "plane_clearance_m",
+        "approach_clearance_m",
+    )
+    chosen = candidate.label == selection.label
+    kept = f"kept, choice {candidate.ranking}"
     return (
-        str(option.label),
-        FACES[option.face - 1],
-        str(option.line),
-        *(f"{100 * getattr(option, name):.1f}" for name in lengths),
+        str(candidate.label),
+        FACES[candidate.face - 1],
+        str(candidate.line),
+        *(f"{100 * getattr(candidate, name):.1f}" for name in lengths),
         "=>" if chosen else "",
-        "chosen" if chosen else option.rejected or kept,
+        "chosen" if chosen else candidate.rejected or kept,
     )
 
 

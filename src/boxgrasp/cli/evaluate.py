@@ -1,4 +1,4 @@
-"""Hold every chooser against the truth of a SET, bare and checked, and print the tables.
+"""Hold every ranker against the truth of a SET, bare and checked, and print the tables.
 
 SET is what `boxgrasp simulate` wrote. Extra: pip install 'boxgrasp[train]'.
 """
@@ -15,10 +15,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--models", metavar="DIR", help="folder or URL of `boxgrasp train` (default: the shipped)"
     )
     parser.add_argument(
-        "--sight", choices=("given", "found"), default="found",
+        "--target", choices=("given", "found"), default="found",
         help="target points given, or found by the package (default: found)",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="one JSON object a line a chooser")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line a ranker")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,22 +28,22 @@ def run(args: argparse.Namespace) -> int:
     from boxgrasp.execution import Store
     from boxgrasp.ranking.onnx.model import SHIPPED
     from boxgrasp.strict import plain
-    from boxgrasp.study.evaluation import VERSIONS, Board, brain_of
+    from boxgrasp.study.evaluation import VERSIONS, Evaluation, model_set_of
     from boxgrasp.study.report_pages import cell
-    from boxgrasp.study.sections.rankers import COLUMNS, chooser_table
+    from boxgrasp.study.sections.rankers import COLUMNS, ranker_table
     from boxgrasp.teaching.sets import read_set
 
     _, rows = read_set(Store(args.set))
     models = Store(args.models or SHIPPED)
-    board = Board(rows, {name: brain_of(name, models) for name in VERSIONS})
+    evaluation = Evaluation(rows, {name: model_set_of(name, models) for name in VERSIONS})
     for check in (False, True):
-        lines = chooser_table(board, args.sight, check)
+        lines = ranker_table(evaluation, args.target, check)
         if args.json:
             for line in lines:
                 values = {name: plain(value) for name, value in zip(COLUMNS, line, strict=True)}
-                print(json.dumps({"checked": check, "sight": args.sight, **values}))
+                print(json.dumps({"checked": check, "target_source": args.target, **values}))
             continue
-        print(f"{'checked' if check else 'bare'}, target {args.sight}, {rows.count} scenarios")
+        print(f"{'checked' if check else 'bare'}, target {args.target}, {rows.count} scenarios")
         table = [COLUMNS, *(tuple(cell(value) for value in line) for line in lines)]
         widths = [max(len(row[k]) for row in table) for k in range(len(COLUMNS))]
         for row in table:

@@ -1,4 +1,4 @@
-"""Show all options of each CAPTURE as a table, with the reason each was kept or dropped.
+"""Show all candidates of each CAPTURE as a table, with the reason each was kept or dropped.
 
 Distances are in cm: to seen obstacles, to unseen space, to the support plane (signed), along
 the approach.
@@ -27,9 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explain each capture."""
-    from boxgrasp.cli._report import options_table, summary
+    from boxgrasp.cli._report import candidates_table, summary
 
     def explain(_number: int, _capture: Capture, selection: Selection, _hand: Gripper) -> None:
-        print(f"{summary(selection)}\n\n{options_table(selection)}", flush=True)
+        print(f"{summary(selection)}\n\n{candidates_table(selection)}", flush=True)
 
     return _batch.answer_each(args, explain)

@@ -1,6 +1,6 @@
 """Search and train the eight SVMs of the thesis from a labeled SET, and write them as ONNX files.
 
-SET is what `boxgrasp simulate` wrote. `boxgrasp select --models OUT --chooser cascade-grid` uses
+SET is what `boxgrasp simulate` wrote. `boxgrasp select --models OUT --ranker cascade-grid` uses
 them. Extra: pip install 'boxgrasp[train]'.
 """
 
@@ -23,11 +23,11 @@ def run(args: argparse.Namespace) -> int:
     """Train, and print a table like the thesis's B-1."""
     from boxgrasp.execution import Store, workers_for
     from boxgrasp.teaching.sets import read_set
-    from boxgrasp.teaching.train import train_eight
+    from boxgrasp.teaching.train import train_svms
 
     store = Store(args.out)
     with workers_for(args.processes, args.cluster) as workers:
-        trained = train_eight(store, "", read_set(Store(args.set)), workers, seed=args.seed)
+        trained = train_svms(store, "", read_set(Store(args.set)), workers, seed=args.seed)
     print("model                 C        gamma     vectors  examples  accuracy")
     for item in trained:
         record = item["record"]

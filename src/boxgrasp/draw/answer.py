@@ -11,7 +11,7 @@ from boxgrasp.arrays import Floats
 from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import Canvas
 from boxgrasp.draw.evidence import Mark, dot_obstacles, draw_evidence, evidence_of
-from boxgrasp.draw.marks import draw_box, draw_gripper, draw_options
+from boxgrasp.draw.marks import draw_box, draw_candidates, draw_gripper
 from boxgrasp.draw.page import Page, save, suffix_checked
 from boxgrasp.draw.palette import BLACK, BLOCKED, GRIPPER, RGB, WHITE
 from boxgrasp.draw.scales import draw_grid
@@ -20,7 +20,7 @@ from boxgrasp.draw.views import View, plan_view
 from boxgrasp.draw.words import facts_of, headline_of, style_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.result import OptionReport, Selection
+from boxgrasp.result import Candidate, Selection
 from boxgrasp.sensing.capture import Capture
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class _Answer:
             )
         if not self.grasp:
             dot_obstacles(canvas, view, self.marks)
-        draw_options(canvas, view, self.selection, None if best is None else best.label, kind)
+        draw_candidates(canvas, view, self.selection, None if best is None else best.label, kind)
         if best is not None:
             draw_evidence(canvas, view, self.marks, self.selection, best, self.gripper)
         if kind == "camera":
@@ -139,12 +139,12 @@ class _Answer:
     def _mark_of_status(self) -> tuple[str, str] | None:
         if self.best is None:
             return None
-        return category(self.best.seen_m), style_of(self.best)
+        return category(self.best.visible_clearance_m), style_of(self.best)
 
 
-def _best(selection: Selection) -> OptionReport | None:
-    """The chosen option, or the one that came nearest."""
+def _best(selection: Selection) -> Candidate | None:
+    """The chosen candidate, or the one that came nearest."""
     label = selection.label if selection.status == "grasp" else selection.best_rejected
-    if label is None or not 1 <= label <= len(selection.options):
+    if label is None or not 1 <= label <= len(selection.candidates):
         return None
-    return selection.option(label)
+    return selection.candidate(label)

@@ -15,7 +15,7 @@ from boxgrasp.draw.views import View
 from boxgrasp.geometry.hand_distance import to_points, uprights
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.result import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, Candidate, Selection
 
 _BACK_M: Final = 0.15
 _OVER_PLANE_M: Final = 0.012
@@ -49,14 +49,14 @@ class Mark:
 
 
 def evidence_of(
-    points: Points, selection: Selection, best: OptionReport, gripper: Gripper, floor_m: float
+    points: Points, selection: Selection, best: Candidate, gripper: Gripper, floor_m: float
 ) -> list[Mark]:
-    """What to mark for the chosen option, or for each reason why the best one fell out."""
+    """What to mark for the chosen candidate, or for each reason why the best one fell out."""
     if selection.status == "grasp":
         near = nearest_obstacle(points, selection.box, best, gripper, floor_m, 0.0)
-        if near is None or abs(near.distance_m - best.seen_m) > _AGREES_M:
+        if near is None or abs(near.distance_m - best.visible_clearance_m) > _AGREES_M:
             return []
-        return [Mark("obstacle", f"obstacle {100 * best.seen_m:.1f} cm", near)]
+        return [Mark("obstacle", f"obstacle {100 * best.visible_clearance_m:.1f} cm", near)]
     marks = []
     for reason in (best.rejected or "").split("; "):
         kind = _kind(reason)
@@ -96,7 +96,7 @@ def draw_evidence(
     view: View,
     marks: list[Mark],
     selection: Selection,
-    best: OptionReport,
+    best: Candidate,
     gripper: Gripper,
 ) -> None:
     """Draw each mark with its words; obstacles that several reasons name are marked once."""
@@ -136,7 +136,7 @@ def _obstacle(
     _say(canvas, ends[1], word)
 
 
-def _width(canvas: Canvas, view: View, best: OptionReport, box: BoxReport, word: str) -> None:
+def _width(canvas: Canvas, view: View, best: Candidate, box: BoxReport, word: str) -> None:
     """A dimension line across the target, with its ticks and its word."""
     ends = view.segment(*contact_line(best, box))
     if ends is None:
@@ -159,7 +159,7 @@ def _say(canvas: Canvas, at: XY, word: str) -> None:
 def nearest_obstacle(
     points: Points,
     box: BoxReport,
-    option: OptionReport,
+    candidate: Candidate,
     gripper: Gripper,
     floor_m: float,
     back_m: float,
@@ -168,7 +168,7 @@ def nearest_obstacle(
 
     Obstacles are the points over the support that are not in the target's box.
     """
-    T = option.T_base_gripper
+    T = candidate.T_base_gripper
     reach = np.float32(gripper.length_m + back_m + 0.5)
     points = points[np.abs(points - T[:3, 3].astype(np.float32)).max(axis=1) < reach]
     points = points[points[:, 2] > np.float32(floor_m + _OVER_PLANE_M)]

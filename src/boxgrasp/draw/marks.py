@@ -1,4 +1,4 @@
-"""What is drawn over a backdrop: the target's box, the options, a hand."""
+"""What is drawn over a backdrop: the target's box, the candidates, a hand."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from boxgrasp.draw.words import style_of
 from boxgrasp.grasps.candidates import TOP_PERPENDICULAR
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import category
-from boxgrasp.result import BoxReport, OptionReport, Selection
+from boxgrasp.result import BoxReport, Candidate, Selection
 
 _APPROACH_M: Final = 0.15
 _CROWD: Final = 30
@@ -92,43 +92,43 @@ def _edges(
             canvas.line(*ends, color, width, halo=halo, dash=dash, alpha=alpha)
 
 
-def draw_options(
+def draw_candidates(
     canvas: Canvas, view: View, selection: Selection, chosen: int | None, kind: str
 ) -> None:
-    """Each option's line on its face and a mark beside it, pushed apart where they would meet.
+    """Each candidate's line on its face and a mark beside it, pushed apart where they would meet.
 
     kind: `camera`, `above` or `side`; from the side only the marks that say something there.
     """
-    options, box = selection.options, selection.box
-    for option in options:
-        _contact(canvas, view, option, box)
-    radius = _radius(view, box, len(options))
-    order = sorted(options, key=lambda option: (option.label != chosen, option.label))
-    placed: list[tuple[OptionReport, XY]] = []
-    for option in order:
-        if kind == "side" and option.label != chosen and _behind(view, option):
+    candidates, box = selection.candidates, selection.box
+    for candidate in candidates:
+        _contact(canvas, view, candidate, box)
+    radius = _radius(view, box, len(candidates))
+    order = sorted(candidates, key=lambda candidate: (candidate.label != chosen, candidate.label))
+    placed: list[tuple[Candidate, XY]] = []
+    for candidate in order:
+        if kind == "side" and candidate.label != chosen and _behind(view, candidate):
             continue
-        size = radius * (1.35 if option.label == chosen else 1.0)
-        foot, direction = _spot(view, option, box)
+        size = radius * (1.35 if candidate.label == chosen else 1.0)
+        foot, direction = _spot(view, candidate, box)
         if foot is None:
             continue
         at = _free(foot, direction, size, [place for _, place in placed], canvas)
         if at is None:
             continue
-        placed.append((option, at))
+        placed.append((candidate, at))
         if np.hypot(at[0] - foot[0], at[1] - foot[1]) > size:
             canvas.line(foot, at, BLACK, 1.2, alpha=170)
-    for option, at in placed:
-        size = radius * (1.35 if option.label == chosen else 1.0)
-        if option.label == chosen:
+    for candidate, at in placed:
+        size = radius * (1.35 if candidate.label == chosen else 1.0)
+        if candidate.label == chosen:
             canvas.ring(at, size + 4.5, WHITE, 2.5)
-        name = category(option.seen_m)
-        canvas.mark(at, SHAPE[name], CATEGORY[name], size, style_of(option))
+        name = category(candidate.visible_clearance_m)
+        canvas.mark(at, SHAPE[name], CATEGORY[name], size, style_of(candidate))
         canvas.take(at, size + 3)
-    if len(options) > _CROWD:
+    if len(candidates) > _CROWD:
         return
-    for option, at in placed:
-        canvas.label(at, str(option.label), 13, WHITE, halo=BLACK, away=radius + 3)
+    for candidate, at in placed:
+        canvas.label(at, str(candidate.label), 13, WHITE, halo=BLACK, away=radius + 3)
 
 
 def _radius(view: View, box: BoxReport, count: int) -> float:
@@ -140,33 +140,35 @@ def _radius(view: View, box: BoxReport, count: int) -> float:
     return float(np.clip(0.055 * extent, 6.5, 9.0))
 
 
-def _behind(view: View, option: OptionReport) -> bool:
-    """Whether a plan shows an option from behind, or end on."""
-    if option.face == TOP_PERPENDICULAR:
+def _behind(view: View, candidate: Candidate) -> bool:
+    """Whether a plan shows a candidate from behind, or end on."""
+    if candidate.face == TOP_PERPENDICULAR:
         return True
-    return view.faces(option.T_base_gripper[:3, 3], -option.T_base_gripper[:3, 0]) < -0.5
+    return view.faces(candidate.T_base_gripper[:3, 3], -candidate.T_base_gripper[:3, 0]) < -0.5
 
 
-def _contact(canvas: Canvas, view: View, option: OptionReport, box: BoxReport) -> None:
-    line = contact_line(option, box)
-    if view.faces(line.mean(axis=0), -option.T_base_gripper[:3, 0]) < 0.08:
+def _contact(canvas: Canvas, view: View, candidate: Candidate, box: BoxReport) -> None:
+    line = contact_line(candidate, box)
+    if view.faces(line.mean(axis=0), -candidate.T_base_gripper[:3, 0]) < 0.08:
         return
     ends = view.segment(*line)
     if ends is not None:
-        dash = None if option.rejected is None else (5.0, 4.0)
-        canvas.line(*ends, CATEGORY[category(option.seen_m)], 2.2, halo=BLACK, dash=dash)
+        dash = None if candidate.rejected is None else (5.0, 4.0)
+        canvas.line(
+            *ends, CATEGORY[category(candidate.visible_clearance_m)], 2.2, halo=BLACK, dash=dash
+        )
 
 
 def _spot(
-    view: View, option: OptionReport, box: BoxReport
+    view: View, candidate: Candidate, box: BoxReport
 ) -> tuple[XY | None, tuple[float, float]]:
-    """Where an option's mark belongs, in pixels, and the way to push it when that is taken."""
-    approach, opening = option.T_base_gripper[:3, 0], option.T_base_gripper[:3, 1]
-    foot = face_point(option, box)
+    """Where a candidate's mark belongs, in pixels, and the way to push it when that is taken."""
+    approach, opening = candidate.T_base_gripper[:3, 0], candidate.T_base_gripper[:3, 1]
+    foot = face_point(candidate, box)
     outward = -approach
     if abs(approach[2]) > 0.7:  # both top faces share their middle: step aside along the line
         outward = -opening
-        foot = foot + outward * option.width_m / 2
+        foot = foot + outward * candidate.width_m / 2
     a, b = view.point(foot), view.point(foot + outward * 0.02)
     if a is None or b is None:
         return None, (0.0, -1.0)

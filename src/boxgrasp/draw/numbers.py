@@ -63,7 +63,7 @@ def _support_pose(capture: Capture) -> Floats | None:
         return None
     try:
         plane = find_support_plane(
-            capture.valid_points()[0], None, np.zeros(3), SceneConfig().far_m
+            capture.valid_points()[0], None, np.zeros(3), SceneConfig().max_range_m
         )
     except BoxgraspError:
         return None

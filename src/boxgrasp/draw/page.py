@@ -1,4 +1,4 @@
-"""The page round the panels: headline, text, table of options, legend; and the saved file."""
+"""The page round the panels: headline, text, table of candidates, legend; and the saved file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from boxgrasp.draw.words import face_name, style_of
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M, category
-from boxgrasp.result import OptionReport, Selection
+from boxgrasp.result import Candidate, Selection
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -182,14 +182,14 @@ def _facts(facts: list[tuple[str, str]], width: int) -> Image:
 
 
 def _table(selection: Selection, width: int) -> Image:
-    """Every option with its mark, its clearance and why it fell out."""
-    lines = max((option.line for option in selection.options), default=0)
-    if not selection.options or lines > _MOST_COLUMNS:
+    """Every candidate with its mark, its clearance and why it fell out."""
+    lines = max((candidate.line for candidate in selection.candidates), default=0)
+    if not selection.candidates or lines > _MOST_COLUMNS:
         return _summary(selection, width)
     head, high, first = 30, 64, 108
     cell = (width - first) / lines
     canvas = blank(width, head + 5 * high + 4)
-    canvas.text((10, 7), "Option", 14, FAINT)
+    canvas.text((10, 7), "Candidate", 14, FAINT)
     for line in range(1, lines + 1):
         canvas.text((first + (line - 1) * cell + 6, 7), f"line {line}", 14, FAINT)
     for face in range(1, 6):
@@ -200,19 +200,25 @@ def _table(selection: Selection, width: int) -> Image:
         if len(name) > 1:
             canvas.text((10, y + 31), name[1], 14, INK)
     chosen = selection.label if selection.label is not None else selection.best_rejected
-    for option in selection.options:
-        if not 1 <= option.face <= 5:
+    for candidate in selection.candidates:
+        if not 1 <= candidate.face <= 5:
             continue
-        x, y = first + (option.line - 1) * cell, head + (option.face - 1) * high
+        x, y = first + (candidate.line - 1) * cell, head + (candidate.face - 1) * high
         _cell(
-            canvas, option, (x, y), cell, high, option.label == chosen, selection.status == "grasp"
+            canvas,
+            candidate,
+            (x, y),
+            cell,
+            high,
+            candidate.label == chosen,
+            selection.status == "grasp",
         )
     return canvas.finish()
 
 
 def _cell(
     canvas: Canvas,
-    option: OptionReport,
+    candidate: Candidate,
     at: XY,
     cell: float,
     high: float,
@@ -231,27 +237,30 @@ def _cell(
         )
         for a, b in zip(box, (*box[1:], box[0]), strict=True):
             canvas.line(a, b, edge, 2.5, dash=dash)
-    kind = category(option.seen_m)
-    style = style_of(option)
+    kind = category(candidate.visible_clearance_m)
+    style = style_of(candidate)
     canvas.mark((x + 16, y + 16), SHAPE[kind], CATEGORY[kind], 7.5, style)
-    canvas.text((x + 28, y + 7), f"{option.label}:", 14, FAINT)
-    after = x + 32 + text_size(f"{option.label}:", 14)[0]
+    canvas.text((x + 28, y + 7), f"{candidate.label}:", 14, FAINT)
+    after = x + 32 + text_size(f"{candidate.label}:", 14)[0]
     canvas.text(
-        (after, y + 6), fit(f"{100 * option.seen_m:.1f} cm", 15, x + cell - after - 4), 15, INK
+        (after, y + 6),
+        fit(f"{100 * candidate.visible_clearance_m:.1f} cm", 15, x + cell - after - 4),
+        15,
+        INK,
     )
-    note = option.rejected if option.rejected is not None else "passes"
+    note = candidate.rejected if candidate.rejected is not None else "passes"
     for k, line in enumerate(wrap(note, 13, cell - 16, 2)):
-        canvas.text((x + 8, y + 28 + 15 * k), line, 13, FAINT if option.rejected else INK)
+        canvas.text((x + 8, y + 28 + 15 * k), line, 13, FAINT if candidate.rejected else INK)
 
 
 def _summary(selection: Selection, width: int) -> Image:
     """Counts a face, where there are too many lines for a table."""
     canvas = blank(width, 40 + 5 * 28)
-    canvas.text((10, 8), "Options, by face", 14, FAINT)
+    canvas.text((10, 8), "Candidates, by face", 14, FAINT)
     for face in range(1, 6):
-        own = [option for option in selection.options if option.face == face]
-        kept = sum(option.rejected is None for option in own)
-        best = max((option.seen_m for option in own), default=0.0)
+        own = [candidate for candidate in selection.candidates if candidate.face == face]
+        kept = sum(candidate.rejected is None for candidate in own)
+        best = max((candidate.visible_clearance_m for candidate in own), default=0.0)
         text = f"{face_name(face)}: {kept} of {len(own)} pass, at most {100 * best:.1f} cm"
         canvas.text((10, 34 + 28 * (face - 1)), fit(text, 16, width - 20), 16, INK)
     return canvas.finish()
@@ -291,5 +300,5 @@ def _legend(width: int, selection: Selection) -> Image:
         )
         canvas.text((x + 44, y - 10), word, 16, INK)
     canvas.text((x, 20.0 + 28 * 3 - 10), "lines on the box: where the fingers close", 16, INK)
-    canvas.text((x, 20.0 + 28 * 4 - 10), "numbers: labels of the options", 16, INK)
+    canvas.text((x, 20.0 + 28 * 4 - 10), "numbers: labels of the candidates", 16, INK)
     return canvas.finish()

@@ -1,4 +1,4 @@
-"""The few solids a picture shows: boxes, the gripper with its fingers, an option's line."""
+"""The few solids a picture shows: boxes, the gripper with its fingers, a candidate's line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.geometry.transforms import transform
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.result import BoxReport, OptionReport
+from boxgrasp.result import BoxReport, Candidate
 
 _SIGNS: Final = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 EDGES: Final = (
@@ -40,8 +40,11 @@ def corners(T_base_box: Floats, size_m: Floats) -> Floats:
 
 def fingers(T_base_gripper: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
     """(8, 3) corners of both fingers: open, as deep as the gripper's box is before its palm."""
-    depth = min(gripper.length_m / 2, gripper.reach_past_face_m + 0.06)
-    gap, wide = gripper.opening_m / 2, max(gripper.width_m / 2 - gripper.opening_m / 2, 0.004)
+    depth = min(gripper.length_m / 2, gripper.insertion_depth_m + 0.06)
+    gap, wide = (
+        gripper.max_opening_m / 2,
+        max(gripper.width_m / 2 - gripper.max_opening_m / 2, 0.004),
+    )
     found = []
     for side in (1.0, -1.0):
         T = np.array(T_base_gripper)
@@ -53,8 +56,8 @@ def fingers(T_base_gripper: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
 
 def skeleton(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
     """(2, 3) strokes of the hand: two fingers, the palm, the wrist."""
-    depth = min(gripper.length_m / 2, gripper.reach_past_face_m + 0.06)
-    tip, palm, y = gripper.length_m / 2, gripper.length_m / 2 - depth, gripper.opening_m / 2
+    depth = min(gripper.length_m / 2, gripper.insertion_depth_m + 0.06)
+    tip, palm, y = gripper.length_m / 2, gripper.length_m / 2 - depth, gripper.max_opening_m / 2
     flat = (
         ((tip, y), (palm, y)),
         ((palm, y), (palm, -y)),
@@ -65,9 +68,9 @@ def skeleton(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
     return [np.asarray(transform(T_base_gripper, stroke)) for stroke in strokes]
 
 
-def face_point(option: OptionReport, box: BoxReport) -> Floats:
-    """(3,) where an option's approach meets its face: the middle of its line, base frame."""
-    position, approach = option.T_base_gripper[:3, 3], option.T_base_gripper[:3, 0]
+def face_point(candidate: Candidate, box: BoxReport) -> Floats:
+    """(3,) where a candidate's approach meets its face: the middle of its line, base frame."""
+    position, approach = candidate.T_base_gripper[:3, 3], candidate.T_base_gripper[:3, 0]
     along = box.T_base_box[:3, :3].T @ approach
     reach = np.abs(along) @ box.dimensions_m / 2
     return np.asarray(
@@ -75,10 +78,10 @@ def face_point(option: OptionReport, box: BoxReport) -> Floats:
     )
 
 
-def contact_line(option: OptionReport, box: BoxReport) -> Floats:
-    """(2, 3) ends of the option's line on its face, where the fingers close."""
-    half = option.T_base_gripper[:3, 1] * option.width_m / 2
-    middle = face_point(option, box)
+def contact_line(candidate: Candidate, box: BoxReport) -> Floats:
+    """(2, 3) ends of the candidate's line on its face, where the fingers close."""
+    half = candidate.T_base_gripper[:3, 1] * candidate.width_m / 2
+    middle = face_point(candidate, box)
     return np.array((middle - half, middle + half))
 
 

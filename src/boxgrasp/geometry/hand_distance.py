@@ -1,7 +1,7 @@
 """The only distances of the package: gripper boxes to points, columns, cells and the plane.
 
-Every gripper box of an option is upright: its faces are vertical or level in the base frame,
-since the box stands on the support plane and options turn by quarters. So a distance splits
+Every gripper box of a candidate is upright: its faces are vertical or level in the base frame,
+since the box stands on the support plane and candidates turn by quarters. So a distance splits
 into one in plan (a turned rectangle) and one in height, and stays exact.
 """
 

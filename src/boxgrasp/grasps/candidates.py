@@ -31,7 +31,7 @@ _WIDTH_AXIS = {LEFT: 0, FRONT: 1, RIGHT: 0, TOP_PARALLEL: 1, TOP_PERPENDICULAR: 
 
 
 @dataclass(frozen=True)
-class OptionsConfig:
+class CandidatesConfig:
     """How many lines a face has, and which faces may be chosen."""
 
     lines: Annotated[int, Meta(ge=1, le=99)] = 3
@@ -45,8 +45,8 @@ class OptionsConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
-    """All options of one box, in label order; (M,) arrays with M = 5 lines.
+class Candidates:
+    """All candidates of one box, in label order; (M,) arrays with M = 5 lines.
 
     T_base_gripper: (M, 4, 4) float64; width_m: (M,) target's width between the fingers;
     width_axis: (M,) box axis (0 = x, 1 = y) that the fingers close on.
@@ -66,7 +66,7 @@ def label_of(face: Any, line: Any, lines: int) -> Any:
     return (face - 1) * lines + line
 
 
-def options_of(box: Box, gripper: Gripper, lines: int = 3) -> Options:
+def candidates_of(box: Box, gripper: Gripper, lines: int = 3) -> Candidates:
     """Every option of a box with its pose, standoff away from the middle of its line."""
     faces = np.repeat(np.arange(1, 6), lines)
     steps = np.tile(np.arange(1, lines + 1), 5)
@@ -80,7 +80,7 @@ def options_of(box: Box, gripper: Gripper, lines: int = 3) -> Options:
         T_box_gripper[k, :3, :3] = axes
         T_box_gripper[k, :3, 3] = position
     width_axis = np.array([_WIDTH_AXIS[face] for face in faces.tolist()])
-    return Options(
+    return Candidates(
         lines=lines,
         label=readonly(label_of(faces, steps, lines)),
         face=readonly(faces),

@@ -38,23 +38,23 @@ class Gripper:
     length_m: Length = 0.22
     width_m: Length = 0.17
     thickness_m: Length = 0.07
-    opening_m: Length = 0.12
-    reach_past_face_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.01
+    max_opening_m: Length = 0.12
+    insertion_depth_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.01
     T_gripper_tcp: tuple[Row, Row, Row, Row] = TCP_AT_FINGERTIPS
 
     def __post_init__(self) -> None:
-        for name in ("length_m", "width_m", "thickness_m", "opening_m"):
+        for name in ("length_m", "width_m", "thickness_m", "max_opening_m"):
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:
                 raise GripperError(f"gripper {name} is {value}; valid: above 0, at most 1 m")
-        if self.opening_m > self.width_m:
+        if self.max_opening_m > self.width_m:
             raise GripperError(
-                f"gripper opening_m {self.opening_m} exceeds width_m {self.width_m}; "
+                f"gripper max_opening_m {self.max_opening_m} exceeds width_m {self.width_m}; "
                 "valid: the box holds the open fingers"
             )
-        if not 0.0 < self.reach_past_face_m < self.length_m:
+        if not 0.0 < self.insertion_depth_m < self.length_m:
             raise GripperError(
-                f"gripper reach_past_face_m is {self.reach_past_face_m}, so it cannot hold "
+                f"gripper insertion_depth_m is {self.insertion_depth_m}, so it cannot hold "
                 f"anything; valid: above 0, below length_m {self.length_m}"
             )
         try:
@@ -65,7 +65,7 @@ class Gripper:
     @property
     def standoff_m(self) -> float:
         """From the face to the gripper's center (0.10 m for the thesis's gripper)."""
-        return self.length_m / 2 - self.reach_past_face_m
+        return self.length_m / 2 - self.insertion_depth_m
 
     @cached_property
     def half_m(self) -> Floats:

@@ -21,7 +21,7 @@ def score(clearance_m: float, best_m: float, red_m: float = RED_BELOW_M) -> floa
     """Score of a grasp, 0 to 1, by its clearance and the scene's largest (section 3-4).
 
     With u = min(6 cm, best): 0 under 2 cm, ((d - 2) / (u - 2))^2 up to u, 1 from u on; 0 where
-    no option is feasible.
+    no candidate is feasible.
     """
     u = min(GREEN_FROM_M, best_m)
     if clearance_m < red_m or best_m < red_m:
@@ -32,13 +32,13 @@ def score(clearance_m: float, best_m: float, red_m: float = RED_BELOW_M) -> floa
 
 
 def thesis_score(clearances_m: Any, chosen: int) -> float:
-    """Score of option `chosen` against the largest clearance of all options (section 3-4)."""
+    """Score of candidate `chosen` against the largest clearance of all candidates (section 3-4)."""
     values = np.asarray(clearances_m, dtype=np.float64)
     return score(float(values[chosen]), float(values.max()))
 
 
 def strict_score(clearances_m: Any, valid: Any, chosen: int) -> float:
-    """The same against the options that are `valid` (fit, off the plane, free approach)."""
+    """The same against the candidates that are `valid` (fit, off the plane, free approach)."""
     values = np.asarray(clearances_m, dtype=np.float64)
     allowed = np.asarray(valid, dtype=bool)
     if not allowed[chosen]:

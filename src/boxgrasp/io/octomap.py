@@ -20,7 +20,7 @@ from boxgrasp.errors import MapError, MissingExtraError
 from boxgrasp.geometry.transforms import invert
 from boxgrasp.kernels import octree
 from boxgrasp.kernels.rays import TREE_HALF
-from boxgrasp.mapping.local_map import LocalMap, OccupancyConfig, log_odds
+from boxgrasp.mapping.local_map import LocalMap, MappingConfig, log_odds
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 
 _HEADERS = {b"# Octomap OcTree file": False, b"# Octomap OcTree binary file": True}
@@ -154,7 +154,7 @@ def cells_of(source: Any) -> MapCells:
 
 
 def local_map_from_octomap(
-    source: Any, T_base_map: ArrayLike, config: OccupancyConfig | None = None
+    source: Any, T_base_map: ArrayLike, config: MappingConfig | None = None
 ) -> LocalMap:
     """A local map that samples an OctoMap (see `cells_of`), in the base frame, at cell centers.
 

@@ -16,7 +16,7 @@ def above_plane(
     eye: Floats,
     band_m: float,
     noise_gain: float,
-    highest_m: float,
+    max_height_m: float,
     farthest_m: float,
     found: Points,
     index: NDArray[np.int32],
@@ -31,7 +31,7 @@ def above_plane(
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        if z < band_m or z > highest_m:
+        if z < band_m or z > max_height_m:
             continue
         x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
         y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]

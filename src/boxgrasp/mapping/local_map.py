@@ -26,24 +26,24 @@ _LATTICE_SLACK = 1e-9  # of a cell: 0.42 / 0.07 must be 6 cells, not 7
 
 
 @dataclass(frozen=True)
-class OccupancyConfig:
+class MappingConfig:
     """The local map: cell size, OctoMap's sensor model, thresholds, extent round the target.
 
-    thin: insert every thin-th point in the image's order (thesis 3-5-2: every second); None takes
+    stride: insert every stride-th point in the image's order (thesis 3-5-2: every second); None takes
     every second row and column of a dense image, which still crosses every cell.
     """
 
     resolution_m: Annotated[float, msgspec.Meta(ge=0.005, le=0.2)] = 0.03
-    hit: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.7
-    miss: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.3
+    prob_hit: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.7
+    prob_miss: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.3
     clamp_min: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.1192
     clamp_max: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.971
     occupied_above: Annotated[float, msgspec.Meta(ge=0.5, lt=1.0)] = 0.66
     free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.33
     half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.36
     height_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.54
-    center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
-    thin: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
+    center_above_plane_clearance_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
+    stride: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
 
     def lattice(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
         """Key of the lowest cell and (nx, ny, nz).
@@ -56,9 +56,9 @@ class OccupancyConfig:
         s = self.resolution_m
         n = max(1, math.ceil(self.half_width_m / s - _LATTICE_SLACK))
         # Layer k spans (k - 1/2) s to (k + 1/2) s round the half sphere's center.
-        down = self.center_above_support_m - _ABOVE_SUPPORT_M
+        down = self.center_above_plane_clearance_m - _ABOVE_SUPPORT_M
         low = math.ceil(0.5 - down / s - _LATTICE_SLACK)
-        up = self.height_m - self.center_above_support_m
+        up = self.height_m - self.center_above_plane_clearance_m
         top = max(low, math.ceil(up / s - 0.5 - _LATTICE_SLACK))
         shape = (2 * n, 2 * n, top - low + 1)
         if shape[0] * shape[1] * shape[2] > _MOST_CELLS:
@@ -145,7 +145,7 @@ class LocalMap:
 
 
 def local_map_of(
-    values: NDArray[np.float32], known: NDArray[np.bool_], T_base_map: Floats, c: OccupancyConfig
+    values: NDArray[np.float32], known: NDArray[np.bool_], T_base_map: Floats, c: MappingConfig
 ) -> LocalMap:
     """A LocalMap from arrays on the lattice of `c`."""
     lowest, _ = c.lattice()

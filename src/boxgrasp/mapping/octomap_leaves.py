@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.geometry.transforms import check_transform
 from boxgrasp.kernels import rays
-from boxgrasp.mapping.local_map import LocalMap, OccupancyConfig, local_map_of, log_odds
+from boxgrasp.mapping.local_map import LocalMap, MappingConfig, local_map_of, log_odds
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def _morton(keys: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def map_from_octomap(
-    cells: MapCells, T_base_map: ArrayLike, config: OccupancyConfig | None = None
+    cells: MapCells, T_base_map: ArrayLike, config: MappingConfig | None = None
 ) -> LocalMap:
     """A local map that takes at each cell's center the value of an OctoMap in the base frame.
 
@@ -83,7 +83,7 @@ def map_from_octomap(
     resolution may differ; occupied cells smaller than ours may lie between the centers, so an
     obstacle check takes them from `MapCells.occupied`.
     """
-    config = config or OccupancyConfig()
+    config = config or MappingConfig()
     T = check_transform(T_base_map, "T_base_map")
     lowest, shape = config.lattice()
     s = config.resolution_m

@@ -15,7 +15,7 @@ from boxgrasp.errors import MapError
 from boxgrasp.geometry.transforms import check_transform, invert
 from boxgrasp.kernels import rays
 from boxgrasp.kernels._threads import run_chunks
-from boxgrasp.mapping.local_map import Flags, LocalMap, OccupancyConfig, local_map_of, log_odds
+from boxgrasp.mapping.local_map import Flags, LocalMap, MappingConfig, local_map_of, log_odds
 
 Scan = tuple[NDArray[np.float32], ArrayLike | None]
 
@@ -30,7 +30,7 @@ def lattice_transform(T_base_map: Floats, resolution_m: float) -> Floats:
 def build_local_map(
     scans: Sequence[Scan],
     T_base_map: ArrayLike,
-    config: OccupancyConfig | None = None,
+    config: MappingConfig | None = None,
     *,
     threads: int = 2,
 ) -> LocalMap:
@@ -41,7 +41,7 @@ def build_local_map(
     are left out. Equal to `insertPointCloud(points, origin, -1, discretize=False)` of OctoMap on
     the points in the lattice frame, in every cell.
     """
-    config = config or OccupancyConfig()
+    config = config or MappingConfig()
     T = check_transform(T_base_map, "T_base_map")
     lowest, shape = config.lattice()
     values, known = insert_scans(
@@ -59,7 +59,7 @@ def insert_scans(
     scans: Sequence[Scan],
     lowest: ArrayLike,
     shape: tuple[int, int, int],
-    config: OccupancyConfig,
+    config: MappingConfig,
     *,
     T_lattice_points: Floats | None = None,
     threads: int = 2,
@@ -76,7 +76,7 @@ def insert_scans(
     T = np.eye(4) if T_lattice_points is None else np.ascontiguousarray(T_lattice_points)
     values = np.zeros(shape, dtype=np.float32)
     known = np.zeros(shape, dtype=np.bool_)
-    hit, miss = log_odds(config.hit), log_odds(config.miss)
+    hit, miss = log_odds(config.prob_hit), log_odds(config.prob_miss)
     least, most = log_odds(config.clamp_min), log_odds(config.clamp_max)
     for number, (points, origin) in enumerate(scans):
         cloud = _points(points, number)

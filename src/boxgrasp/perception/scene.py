@@ -37,25 +37,25 @@ _BORDER_PX = 3
 class SceneConfig:
     """How objects are found; appendix A's numbers unless said otherwise.
 
-    near_m, far_m: pass-through, Euclidean distance from the camera. Things beyond are obstacles,
-    but no objects. voxel_m: downsampling. cluster_m: points nearer than this are one object.
+    min_range_m, max_range_m: pass-through, Euclidean distance from the camera. Things beyond are obstacles,
+    but no objects. voxel_m: downsampling. cluster_tolerance_m: points nearer than this are one object.
     segmentation: `split` also parts things that stand closer; `euclidean` is the thesis's.
-    lowest_m: height over the plane, beside noise_gain times the camera's axial noise, under
+    min_height_m: height over the plane, beside noise_gain times the camera's axial noise, under
     which a point is the table's. outlier_*: statistical trimming. workspace_m: two opposite
     corners in the base frame; outside it are obstacles, but no objects.
     """
 
-    near_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.4
-    far_m: Meters = 1.6
+    min_range_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.4
+    max_range_m: Meters = 1.6
     voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
-    cluster_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
+    cluster_tolerance_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
     segmentation: Literal["split", "euclidean"] = "split"
-    lowest_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
+    min_height_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
     noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
-    highest_m: Meters = 1.0
-    outlier_neighbors: Annotated[int, Meta(ge=1, le=100)] = 5
-    outlier_sigma: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
-    least_points: Annotated[int, Meta(ge=1)] = 20
+    max_height_m: Meters = 1.0
+    outlier_nb_neighbors: Annotated[int, Meta(ge=1, le=100)] = 5
+    outlier_std_ratio: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
+    min_cluster_size: Annotated[int, Meta(ge=1)] = 20
     workspace_m: tuple[Corner, Corner] | None = None
 
 
@@ -202,7 +202,7 @@ def _place(capture: Capture, points: Points, config: SceneConfig) -> _Place:
     given = capture.T_base_camera
     up = np.array([0.0, 0.0, 1.0]) if not optical else None if given is None else given[2, :3]
     eye = np.zeros(3) if optical else None if given is None else given[:3, 3]
-    plane = find_support_plane(points, up, eye, config.far_m)
+    plane = find_support_plane(points, up, eye, config.max_range_m)
     T_source_table = support_frame(plane, optical)
     T_base_source = np.eye(4)
     if optical:
@@ -231,7 +231,7 @@ def _voxels(found: Points, config: SceneConfig) -> tuple[Points, NDArray[np.int6
     if len(voxels) > _MOST_VOXELS:
         raise SceneError(
             f"{len(voxels)} voxels stand over the support plane; valid: up to {_MOST_VOXELS} "
-            "(a smaller scene.far_m or a larger scene.voxel_m)"
+            "(a smaller scene.max_range_m or a larger scene.voxel_m)"
         )
     return voxels, voxel_of
 
@@ -243,7 +243,9 @@ def _clusters(
     keep = _inliers(voxels, eye, config)
     labels = np.full(len(voxels), -1, dtype=np.int64)
     if keep.any():
-        labels[keep] = euclidean_clusters(np.ascontiguousarray(voxels[keep]), config.cluster_m)
+        labels[keep] = euclidean_clusters(
+            np.ascontiguousarray(voxels[keep]), config.cluster_tolerance_m
+        )
     sizes = np.bincount(labels + 1, minlength=1)
     labels[sizes[labels + 1] < _SPECK] = -1
     if config.segmentation == "split":
@@ -273,10 +275,10 @@ def _over(
             points[first:last],
             T_table_source,
             eye if eye is not None else np.zeros(3),
-            config.lowest_m if known else config.lowest_m + config.noise_gain * 0.002,
+            config.min_height_m if known else config.min_height_m + config.noise_gain * 0.002,
             config.noise_gain if known else 0.0,
-            config.highest_m,
-            config.far_m + _OBSTACLES_BEYOND_M if known else 1e6,
+            config.max_height_m,
+            config.max_range_m + _OBSTACLES_BEYOND_M if known else 1e6,
             found,
             rows,
         )
@@ -320,10 +322,12 @@ def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray
     if eye is not None:  # a farther surface is sampled more thinly: a pixel at 525 px
         off = voxels - eye.astype(np.float32)
         spread = np.maximum(spread, np.sqrt(np.einsum("ij,ij->i", off, off)) / np.float32(525))
-    neighbors = Neighbors(voxels, config.outlier_neighbors, 2.4 * float(np.median(spread)))
+    neighbors = Neighbors(voxels, config.outlier_nb_neighbors, 2.4 * float(np.median(spread)))
     measured = neighbors.means(np.zeros(len(voxels), dtype=np.float32), cell_step=8)
     usual = (measured / spread)[np.isfinite(measured)]
-    limit = float(usual.mean(dtype=np.float64) + config.outlier_sigma * usual.std(dtype=np.float64))
+    limit = float(
+        usual.mean(dtype=np.float64) + config.outlier_std_ratio * usual.std(dtype=np.float64)
+    )
     limits = np.float32(max(limit, 1.5 * float(np.median(usual)))) * spread
     return np.asarray(neighbors.means(limits) <= limits)
 
@@ -376,12 +380,12 @@ def _number(
     candidates = []
     for k in range(len(starts) - 1):
         rows = order[starts[k] : starts[k + 1]]
-        if len(rows) < config.least_points or not over[k]:
+        if len(rows) < config.min_cluster_size or not over[k]:
             continue
         own = points[rows]
         middle = own.mean(axis=0, dtype=np.float64)
         distance = float(np.linalg.norm(middle - origin))
-        if eye is not None and not config.near_m <= distance <= config.far_m:
+        if eye is not None and not config.min_range_m <= distance <= config.max_range_m:
             continue
         if config.workspace_m is not None:
             low, high = np.sort(np.array(config.workspace_m), axis=0)

@@ -31,14 +31,14 @@ _TILT_UPRIGHT = np.sin(np.deg2rad(15.0))
 
 
 def find_support_plane(
-    points: Points, up: Floats | None, eye: Floats | None, far_m: float
+    points: Points, up: Floats | None, eye: Floats | None, max_range_m: float
 ) -> Plane:
     """RANSAC over local proposals, the carrier among the candidates, a refit (appendix A).
 
     points: (N, 3) float32 in the camera frame, or in any frame where `up` is known.
     up: (3,) unit vector against gravity in the points' frame; None for a camera frame of
     unknown tilt, where planes that face downwards in the image are left out.
-    eye: (3,) camera position there, or None; far_m: how far from it objects are looked for.
+    eye: (3,) camera position there, or None; max_range_m: how far from it objects are looked for.
 
     Raises:
         SceneError: no plane of a plausible tilt holds enough points.
@@ -74,13 +74,13 @@ def find_support_plane(
     within = np.ones(len(sample), dtype=bool)
     if eye is not None:
         ranges = np.linalg.norm(sample - eye.astype(np.float32), axis=1)
-        noise_m, within = axial_noise_m(ranges), ranges <= far_m
+        noise_m, within = axial_noise_m(ranges), ranges <= max_range_m
     carried = [_carried(sample, within, noise_m, plane) for _, plane in candidates]
     chosen = _choose(candidates, carried)
     dense = np.array(points[:: max(1, len(points) // 20_000)])
     if eye is not None:  # a second table behind may be level with this one, but not quite
         off = dense - eye.astype(np.float32)
-        near = np.einsum("ij,ij->i", off, off) <= far_m**2
+        near = np.einsum("ij,ij->i", off, off) <= max_range_m**2
         dense = dense[near] if np.count_nonzero(near) > 1000 else dense
     plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M))
     if plane is None:

@@ -52,8 +52,8 @@ class TargetPoints:
     A mask's rim is neither: its pixels belong to the target or to what touches it.
     """
 
-    own: NDArray[np.bool_]
-    others: NDArray[np.bool_]
+    target_mask: NDArray[np.bool_]
+    obstacle_mask: NDArray[np.bool_]
 
 
 def find_target(scene: Scene, capture: Capture, target: Target | None) -> TargetPoints:
@@ -148,7 +148,7 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
     if number[first] == 0:
         raise TargetError(
             f"pixel {u} {v} is on no object: too small, out of range or off the support plane; "
-            "valid: an object that `boxgrasp objects` lists (see scene.near_m, scene.far_m)"
+            "valid: an object that `boxgrasp objects` lists (see scene.min_range_m, scene.max_range_m)"
         )
     raise TargetError(f"pixel {u} {v} is on the table or behind it; valid: a pixel on an object")
 

@@ -1,4 +1,4 @@
-"""The numbers a learnt chooser sees: occupancy of the samples, box dimensions, face (thesis 3-3-2).
+"""The numbers a learnt ranker sees: occupancy of the samples, box dimensions, face (thesis 3-3-2).
 
 All features lie in [0, 1]. A sample of which the map knows nothing, outside its grid too, is 0.5.
 """

@@ -1,4 +1,4 @@
-"""Choosers order the options, best first; each is found by its name."""
+"""Rankers order the candidates, best first; each is found by its name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.box import Box
-from boxgrasp.grasps.candidates import Options
+from boxgrasp.grasps.candidates import Candidates
 from boxgrasp.grasps.checks import Numbers
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import LocalMap
@@ -30,8 +30,8 @@ NAMES = {
 
 
 @dataclass(frozen=True)
-class Setup:
-    """What a chooser is prepared for.
+class RankerSetup:
+    """What a ranker is prepared for.
 
     models: folder of ONNX files, None for the shipped ones; lines: lines a face.
     """
@@ -42,25 +42,25 @@ class Setup:
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
-    """All that a chooser may look at; maps: local maps by their cell size, m."""
+class RankingContext:
+    """All that a ranker may look at; maps: local maps by their cell size, m."""
 
     box: Box
-    options: Options
+    candidates: Candidates
     numbers: Numbers
-    maps: Mapping[float, LocalMap]
+    local_maps: Mapping[float, LocalMap]
 
 
 @dataclass(frozen=True, eq=False)
-class Preference:
-    """order: (M,) option rows, best first; sureness: (M,) in [0, 1] of each option row."""
+class Ranking:
+    """order: (M,) candidate rows, best first; confidence: (M,) in [0, 1] of each candidate row."""
 
     order: NDArray[np.int64]
-    sureness: Floats
+    confidence: Floats
 
 
-class Chooser(Protocol):
-    """Orders the options of a situation and says how sure it is of each.
+class Ranker(Protocol):
+    """Orders the candidates of a scene and says how sure it is of each.
 
     resolutions_m: cell sizes of the local maps that it reads, beside the check's own; notes: what
     the user should know of it, shown among the answer's warnings. Who inherits has neither.
@@ -69,24 +69,24 @@ class Chooser(Protocol):
     resolutions_m: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
-    def prepared(self, setup: Setup) -> Chooser:
-        """The chooser ready for a setup; who needs no model is ready as it is."""
+    def prepared(self, setup: RankerSetup) -> Ranker:
+        """The ranker ready for a setup; who needs no model is ready as it is."""
         return self
 
-    def prefer(self, situation: Situation) -> Preference:
-        """Every option exactly once, best first."""
+    def rank(self, context: RankingContext) -> Ranking:
+        """Every candidate exactly once, best first."""
 
 
-def chooser_named(name: str, setup: Setup | None = None) -> Chooser:
-    """The chooser of that name, prepared for a setup, or for the default one.
+def ranker_named(name: str, setup: RankerSetup | None = None) -> Ranker:
+    """The ranker of that name, prepared for a setup, or for the default one.
 
     Raises:
-        ConfigError: no chooser has it, or its models are for another number of lines.
+        ConfigError: no ranker has it, or its models are for another number of lines.
         ModelError: its models are missing, damaged, or do not fit the code's features.
         MissingExtraError: it needs onnxruntime, which is not installed.
     """
     if name not in NAMES:
-        raise ConfigError(f"unknown chooser: {name}; valid: {', '.join(NAMES)}")
+        raise ConfigError(f"unknown ranker: {name}; valid: {', '.join(NAMES)}")
     module, kind = NAMES[name].split(":")
-    chooser: Chooser = getattr(import_module(module), kind)()
-    return chooser.prepared(setup or Setup())
+    ranker: Ranker = getattr(import_module(module), kind)()
+    return ranker.prepared(setup or RankerSetup())

@@ -9,12 +9,12 @@ from boxgrasp.simulate.objects import SimulatedObject, load_objects
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
 from boxgrasp.simulate.scenes import TableScene, build_scene, draw_scene, to_capture
 from boxgrasp.simulate.truth import (
-    OptionTruth,
-    TrueOption,
+    CandidateTruth,
+    TrueCandidates,
     box_clearance,
-    option_truth,
+    candidate_truth,
     true_box,
-    true_options,
+    true_candidates,
 )
 
 __all__ = [
@@ -22,12 +22,12 @@ __all__ = [
     "CastView",
     "Cylinder",
     "NoiseModel",
-    "OptionTruth",
+    "CandidateTruth",
     "Plane",
     "Primitive",
     "SimulatedObject",
     "TableScene",
-    "TrueOption",
+    "TrueCandidates",
     "add_noise",
     "box_clearance",
     "build_scene",
@@ -36,8 +36,8 @@ __all__ = [
     "demo_scene",
     "draw_scene",
     "load_objects",
-    "option_truth",
+    "candidate_truth",
     "to_capture",
     "true_box",
-    "true_options",
+    "true_candidates",
 ]

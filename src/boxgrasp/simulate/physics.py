@@ -122,7 +122,7 @@ def _scene_xml(scene: TableScene) -> str:
     # stands sinks in by 0.1 mm and leans at an edge.
     return (
         f'<mujoco><option timestep="{STEP_S}" integrator="implicitfast">'
-        '<flag multiccd="enable"/></option><default><geom solref="0.004 1"/></default>'
+        '<flag multiccd="enable"/></candidate><default><geom solref="0.004 1"/></default>'
         f"<worldbody>{''.join(lines)}</worldbody></mujoco>"
     )
 

@@ -21,7 +21,7 @@ from boxgrasp.simulate.noise import NoiseModel
 from boxgrasp.simulate.objects import SimulatedObject, load_objects
 from boxgrasp.simulate.physics import settles
 from boxgrasp.simulate.scenes import TableScene, build_scene, draw_scene, to_capture
-from boxgrasp.simulate.truth import OptionTruth, TrueOption, option_truth, true_options
+from boxgrasp.simulate.truth import CandidateTruth, TrueCandidates, candidate_truth, true_candidates
 
 SCENE, NOISE, OPERATOR = 0, 1, 2  # a generator each
 NOISES: Mapping[str, NoiseModel | None] = {
@@ -47,8 +47,8 @@ class Recipe:
     targets: taken in turn; objects: a shipped set's name or a file; obstacles: least and most;
     area_m: edge of the square that holds them; mirrored: left and right exchanged. wish: `any`
     scene; `feasible`, the thesis's assumption of at least one feasible grasp (1-6); `off-center`,
-    its out-of-bias need (4-2): one face alone has feasible options, and the best of them is not
-    on its central line; `no-central`, stricter: options are valid, but none on a central line.
+    its out-of-bias need (4-2): one face alone has feasible candidates, and the best of them is not
+    on its central line; `no-central`, stricter: candidates are valid, but none on a central line.
     physics: only scenes in which all that stands stays where it is in MuJoCo (extra `sim`).
 
     Raises:
@@ -76,13 +76,13 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A scene with the exact numbers of its true, aligned box's options."""
+    """A scene with the exact numbers of its true, aligned box's candidates."""
 
     seed: int
     number: int
     scene: TableScene
-    options: TrueOption
-    truth: OptionTruth
+    candidates: TrueCandidates
+    truth: CandidateTruth
 
     @property
     def target(self) -> str:
@@ -91,14 +91,14 @@ class Scenario:
 
     @property
     def feasible(self) -> bool:
-        """Whether an option that fits, stays off the table and gets there is clear by 2 cm."""
+        """Whether a candidate that fits, stays off the table and gets there is clear by 2 cm."""
         return self.truth.best_m >= RED_BELOW_M
 
     def grants(self, wish: str) -> bool:
         """Whether the scene is as a recipe wishes."""
         if wish == "any":
             return True
-        lines = len(self.options.label) // 5
+        lines = len(self.candidates.label) // 5
         clear = (self.truth.clearance_m >= RED_BELOW_M).reshape(5, lines)
         central = np.arange(lines) == (lines - 1) // 2
         if wish == "no-central":
@@ -158,9 +158,9 @@ def scenario_of(
     scene: TableScene, seed: int, number: int, *, lines: int = 3, gripper: Gripper | None = None
 ) -> Scenario:
     """A scene with its truth."""
-    options = true_options(scene, lines=lines, gripper=gripper, mode="aligned")
-    truth = option_truth(scene, options.T_base_gripper, gripper=gripper)
-    return Scenario(seed, number, scene, options, truth)
+    candidates = true_candidates(scene, lines=lines, gripper=gripper, mode="aligned")
+    truth = candidate_truth(scene, candidates.T_base_gripper, gripper=gripper)
+    return Scenario(seed, number, scene, candidates, truth)
 
 
 def mirrored(spec: Mapping[str, Any]) -> dict[str, Any]:

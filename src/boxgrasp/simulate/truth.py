@@ -1,4 +1,4 @@
-"""What is true of a simulated scene: options of the true box, clearances, widths, approaches.
+"""What is true of a simulated scene: candidates of the true box, clearances, widths, approaches.
 
 Independent of the rooms that it judges: it shares only the conventions of docs/conventions.md.
 """
@@ -23,8 +23,8 @@ APPROACH_M = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class TrueOption:
-    """The M options of the true box, in the order of their labels.
+class TrueCandidates:
+    """The M candidates of the true box, in the order of their labels.
 
     label, face, line (M,) int; T_base_gripper (M, 4, 4); width_m (M,), the true box's size between
     the fingers.
@@ -38,18 +38,18 @@ class TrueOption:
 
 
 @dataclass(frozen=True, eq=False)
-class OptionTruth:
+class CandidateTruth:
     """Exact numbers of M gripper poses, hidden sides included; each (M,), meters.
 
-    clearance_m: gripper's box to the nearest obstacle, 0 inside. support_m: signed height of its
-    lowest corner over the table. approach_m: clearance of the box swept 15 cm back. width_m: the
+    clearance_m: gripper's box to the nearest obstacle, 0 inside. plane_clearance_m: signed height of its
+    lowest corner over the table. approach_clearance_m: clearance of the box swept 15 cm back. width_m: the
     target's true extent along the finger opening; off_center_m: the middle of that extent from
     the gripper's middle. fits: width_m is no more than the opening.
     """
 
     clearance_m: Floats
-    support_m: Floats
-    approach_m: Floats
+    plane_clearance_m: Floats
+    approach_clearance_m: Floats
     width_m: Floats
     off_center_m: Floats
     fits: NDArray[np.bool_]
@@ -57,7 +57,7 @@ class OptionTruth:
     @property
     def valid(self) -> NDArray[np.bool_]:
         """(M,) bool: fits, stays off the table and touches nothing on the way."""
-        return self.fits & (self.support_m > 0) & (self.approach_m > 0)
+        return self.fits & (self.plane_clearance_m > 0) & (self.approach_clearance_m > 0)
 
     @property
     def best_m(self) -> float:
@@ -107,10 +107,10 @@ def true_box(scene: TableScene, *, mode: str = "yaw") -> tuple[Floats, Floats]:
     )
 
 
-def true_options(
+def true_candidates(
     scene: TableScene, *, lines: int = 3, gripper: Gripper | None = None, mode: str = "yaw"
-) -> TrueOption:
-    """Poses of the 5 l options on the target's true box (faces, lines: docs/conventions.md)."""
+) -> TrueCandidates:
+    """Poses of the 5 l candidates on the target's true box (faces, lines: docs/conventions.md)."""
     hand = Gripper() if gripper is None else gripper
     T_base_box, size = true_box(scene, mode=mode)
     x, y, z = T_base_box[:3, :3].T
@@ -133,7 +133,7 @@ def true_options(
             widths.append(width)
     face = np.repeat(np.arange(1, 6), lines)
     line = np.tile(np.arange(1, lines + 1), 5)
-    return TrueOption(
+    return TrueCandidates(
         readonly((face - 1) * lines + line),
         readonly(face),
         readonly(line),
@@ -142,9 +142,9 @@ def true_options(
     )
 
 
-def option_truth(
+def candidate_truth(
     scene: TableScene, T_base_gripper: Floats, *, gripper: Gripper | None = None
-) -> OptionTruth:
+) -> CandidateTruth:
     """Exact truth of any M gripper poses (M, 4, 4) in a scene; distances capped at 0.50 m."""
     hand = Gripper() if gripper is None else gripper
     dims = np.array([hand.length_m, hand.width_m, hand.thickness_m])
@@ -156,13 +156,13 @@ def option_truth(
     extents = np.array([_extent(scene.target, T[:3, 1]) for T in poses]).reshape(-1, 2)
     width = extents[:, 1] - extents[:, 0]
     middle = np.einsum("mi,mi->m", poses[:, :3, 1], poses[:, :3, 3])
-    return OptionTruth(
+    return CandidateTruth(
         clearance_m=readonly(np.minimum(box_clearance(poses, dims, obstacles), 0.5)),
-        support_m=readonly(_heights(poses, dims)[0] - scene.table_height_m),
-        approach_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), 0.5)),
+        plane_clearance_m=readonly(_heights(poses, dims)[0] - scene.table_height_m),
+        approach_clearance_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), 0.5)),
         width_m=readonly(width),
         off_center_m=readonly(extents.mean(axis=1) - middle),
-        fits=readonly(width <= hand.opening_m + 1e-9),
+        fits=readonly(width <= hand.max_opening_m + 1e-9),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.sampling import grid
-from boxgrasp.study.evaluation import Brain, Decider
+from boxgrasp.study.evaluation import Decider, ModelSet
 from boxgrasp.teaching.matrices import largest_edge_m
 from boxgrasp.teaching.rows import RowConfig, scenario_of_row, selector, states_at
 from boxgrasp.teaching.search import train
@@ -60,7 +60,7 @@ def fit(
     lines: int = 3,
     network: int | None = None,
     own_edge: bool = False,
-) -> Brain:
+) -> ModelSet:
     """A version fitted with C and gamma held.
 
     kind: `single` or `cascade`; held: C and gamma by part; network: seed of a small neural
@@ -76,7 +76,7 @@ def fit(
         X, y = examples(rows, svm, lines, edge)
         model = train(X, y, *held[part]) if network is None else _network(X, y, network)
         parts[part] = Fitted(model, tuple(int(c) for c in model.classes_))
-    return Brain(sampling, edge, parts, lines)
+    return ModelSet(sampling, edge, parts, lines)
 
 
 def _network(X: Points, y: Array, seed: int) -> Any:
@@ -103,9 +103,9 @@ def dense_part(task: tuple[RowConfig, range]) -> bytes:
         scenario = scenario_of_row(config, number)
         capture, labels = scenario.capture(config.recipe.noise)
         mask = Target(mask=labels == scenario.scene.target_label)
-        sight = selector("given", config.lines).sight(capture, mask, cells_m=CELLS_M)
+        analysis = selector("given", config.lines).analyze(capture, mask, cells_m=CELLS_M)
         for size in CELLS_M:
-            found[_name(size)].append(states_at(sight.situation.maps[size], grid(size)))
+            found[_name(size)].append(states_at(analysis.context.local_maps[size], grid(size)))
     out = io.BytesIO()
     np.savez_compressed(out, **{name: np.array(values) for name, values in found.items()})  # type: ignore[arg-type]
     return out.getvalue()

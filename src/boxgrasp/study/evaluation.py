@@ -1,4 +1,4 @@
-"""What every chooser picks in every row, bare and checked, without casting anything again."""
+"""What every ranker picks in every row, bare and checked, without casting anything again."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 
 from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.errors import ModelError
-from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.checks import Numbers
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.onnx.model import Model, cascaded, load_model, ranked
 from boxgrasp.ranking.onnx.record import check_fits
-from boxgrasp.ranking.ranker import Setup, Situation, chooser_named
+from boxgrasp.ranking.ranker import RankerSetup, RankingContext, ranker_named
 from boxgrasp.ranking.sampling import is_side
 from boxgrasp.simulate.scenario import targets_of
-from boxgrasp.study.metrics import ASK, Worth, categories, worth
+from boxgrasp.study.metrics import ASK, Metrics, categories, metrics_of
 from boxgrasp.teaching.matrices import FACES, line_matrix, single_matrix
 from boxgrasp.teaching.rows import box_of
 from boxgrasp.teaching.sets import Rows
-from boxgrasp.teaching.train import EIGHT, Part, Svm
+from boxgrasp.teaching.train import SVMS, Part, Svm
 
 VERSIONS = ("single-spiral", "cascade-spiral", "single-grid", "cascade-grid")
 PLAIN = ("clearance", "top-down", "random")
@@ -48,7 +48,7 @@ class Reader(Protocol):
 
 
 @dataclass(frozen=True)
-class Brain:
+class ModelSet:
     """The deciders of one version by part (single, or face, side and top), and how it was made."""
 
     sampling: str
@@ -57,14 +57,14 @@ class Brain:
     lines: int = 3
 
 
-def brain_of(version: str, store: Reader, prefix: str = "") -> Brain:
+def model_set_of(version: str, store: Reader, prefix: str = "") -> ModelSet:
     """The version's models from a place.
 
     Raises:
         ModelError: a file that is no such model, or does not fit the features or the other parts.
         StoreError: one that is not there.
     """
-    svms = [svm for svm in EIGHT if svm.version == version]
+    svms = [svm for svm in SVMS if svm.version == version]
     models = [_model(store.read(f"{prefix}{svm.name}.onnx"), svm) for svm in svms]
     parts: dict[Part, Decider] = {svm.part: model for svm, model in zip(svms, models, strict=True)}
     made = sorted({(model.record.lines, model.record.largest_edge_m or 0.0) for model in models})
@@ -74,7 +74,7 @@ def brain_of(version: str, store: Reader, prefix: str = "") -> Brain:
             "of one training"
         )
     record = models[0].record
-    return Brain(svms[0].sampling, record.largest_edge_m, parts, record.lines)
+    return ModelSet(svms[0].sampling, record.largest_edge_m, parts, record.lines)
 
 
 def _model(data: bytes, svm: Svm) -> Model:
@@ -88,32 +88,32 @@ def _model(data: bytes, svm: Svm) -> Model:
     return model
 
 
-def order(brain: Brain, rows: Mapping[str, Array], sight: str) -> Array:
-    """(N, 5 l) option indices, best first, as the SVM choosers order them."""
-    every = single_matrix(rows, sight, brain.sampling, brain.edge_m)
-    if "single" in brain.parts:
-        return _ranks(brain.parts["single"], every, 5 * brain.lines) - 1
-    faces = _ranks(brain.parts["face"], every, 5)
-    lines = np.stack([_lines(brain, rows, sight, face) for face in FACES], axis=1)
+def order(model_set: ModelSet, rows: Mapping[str, Array], target_source: str) -> Array:
+    """(N, 5 l) candidate indices, best first, as the SVM rankers order them."""
+    every = single_matrix(rows, target_source, model_set.sampling, model_set.edge_m)
+    if "single" in model_set.parts:
+        return _ranks(model_set.parts["single"], every, 5 * model_set.lines) - 1
+    faces = _ranks(model_set.parts["face"], every, 5)
+    lines = np.stack([_lines(model_set, rows, target_source, face) for face in FACES], axis=1)
     return cascaded(faces, lines) - 1
 
 
-def _lines(brain: Brain, rows: Mapping[str, Array], sight: str, face: int) -> Array:
+def _lines(model_set: ModelSet, rows: Mapping[str, Array], target_source: str, face: int) -> Array:
     """(N, l) lines of one face, best first."""
-    X = line_matrix(rows, sight, brain.sampling, brain.edge_m, face)
-    return _ranks(brain.parts["side" if is_side(face) else "top"], X, brain.lines)
+    X = line_matrix(rows, target_source, model_set.sampling, model_set.edge_m, face)
+    return _ranks(model_set.parts["side" if is_side(face) else "top"], X, model_set.lines)
 
 
 def _ranks(decider: Decider, X: Points, count: int) -> Array:
     return ranked(*decider.decide(X), decider.classes, range(1, count + 1))
 
 
-def plain_order(name: str, rows: Mapping[str, Array], sight: str, lines: int = 3) -> Array:
-    """(N, 5 l) option indices of a chooser that needs no model."""
-    chooser = chooser_named(name, Setup())
+def plain_order(name: str, rows: Mapping[str, Array], target_source: str, lines: int = 3) -> Array:
+    """(N, 5 l) candidate indices of a ranker that needs no model."""
+    ranker = ranker_named(name, RankerSetup())
     return np.array(
         [
-            chooser.prefer(_situation(rows, sight, k, lines)).order
+            ranker.rank(_situation(rows, target_source, k, lines)).order
             for k in range(len(rows["number"]))
         ]
     )
@@ -132,65 +132,67 @@ def checked(ordered: Array, passes: Array) -> Array:
 
 
 _HAND = Gripper()  # the one that every row was made with
-CHOOSERS = (*PLAIN, *VERSIONS)
+RANKERS = (*PLAIN, *VERSIONS)
 
 
 @dataclass(frozen=True, eq=False)
-class Board:
-    """A set's rows, what every chooser picks in them, and what that is worth; kept once found."""
+class Evaluation:
+    """A set's rows, what every ranker picks in them, and what that is worth; kept once found."""
 
     rows: Rows
-    brains: Mapping[str, Brain]
+    model_sets: Mapping[str, ModelSet]
     _orders: dict[tuple[str, str], Array] = field(default_factory=dict)
 
-    def order(self, chooser: str, sight: str = "given") -> Array:
-        """(N, 5 l) option indices, best first; rows that were not seen are in label order.
+    def order(self, ranker: str, target_source: str = "given") -> Array:
+        """(N, 5 l) candidate indices, best first; rows that were not seen are in label order.
 
         Raises:
             ModelError: models trained for another number of lines.
         """
-        key = chooser, sight
+        key = ranker, target_source
         if key not in self._orders:
-            seen = self.rows.take(self.seen(sight))
-            count = self.rows[f"{sight}_passes"].shape[1]
-            brain = self.brains.get(chooser)
-            if brain is not None and 5 * brain.lines != count:
+            seen = self.rows.take(self.seen(target_source))
+            count = self.rows[f"{target_source}_passes"].shape[1]
+            model_set = self.model_sets.get(ranker)
+            if model_set is not None and 5 * model_set.lines != count:
                 raise ModelError(
-                    f"{chooser} was trained for {brain.lines} lines a face, the set has "
+                    f"{ranker} was trained for {model_set.lines} lines a face, the set has "
                     f"{count // 5}; valid: models trained for as many (--models DIR)"
                 )
             every = np.tile(np.arange(count), (self.rows.count, 1))
-            if brain is not None:
-                every[self.seen(sight)] = order(brain, seen, sight)
-            elif chooser == "operator":
+            if model_set is not None:
+                every[self.seen(target_source)] = order(model_set, seen, target_source)
+            elif ranker == "operator":
                 every[:, 0] = self.rows["label"] - 1
             else:
-                every[self.seen(sight)] = plain_order(chooser, seen, sight, count // 5)
+                every[self.seen(target_source)] = plain_order(
+                    ranker, seen, target_source, count // 5
+                )
             self._orders[key] = every
         return self._orders[key]
 
-    def seen(self, sight: str) -> Array:
-        """(N,) whether the sight found its target."""
-        return np.asarray(self.rows[f"{sight}_error"] == "")
+    def seen(self, target_source: str) -> Array:
+        """(N,) whether the target_source found its target."""
+        return np.asarray(self.rows[f"{target_source}_error"] == "")
 
-    def picks(self, chooser: str, sight: str = "given", check: bool = False) -> Array:
-        """(N,) the option that a chooser takes, bare or checked; -1 for none."""
-        ordered = self.order(chooser, sight)
-        found = checked(ordered, self.rows[f"{sight}_passes"]) if check else bare(ordered)
-        return np.where(self.seen(sight), found, ASK)
+    def picks(self, ranker: str, target_source: str = "given", check: bool = False) -> Array:
+        """(N,) the candidate that a ranker takes, bare or checked; -1 for none."""
+        ordered = self.order(ranker, target_source)
+        found = checked(ordered, self.rows[f"{target_source}_passes"]) if check else bare(ordered)
+        return np.where(self.seen(target_source), found, ASK)
 
-    def worth(self, chooser: str, sight: str = "given", check: bool = False) -> Worth:
-        """What the picks are worth."""
-        return worth(self.rows, sight, self.picks(chooser, sight, check))
+    def metrics(self, ranker: str, target_source: str = "given", check: bool = False) -> Metrics:
+        """What the picks are metrics."""
+        return metrics_of(self.rows, target_source, self.picks(ranker, target_source, check))
 
-    def categories(self, chooser: str, which: Array | slice = slice(None)) -> tuple[int, int, int]:
+    def categories(self, ranker: str, which: Array | slice = slice(None)) -> tuple[int, int, int]:
         """How many bare picks of some rows are red, yellow, green by the visible cloud (3-4)."""
         best = self.rows["given_visible_m"].max(axis=1)
-        return categories(self.worth(chooser).visible_m[which], best[which])
+        return categories(self.metrics(ranker).visible_m[which], best[which])
 
-    def take(self, which: Array) -> Board:
-        """The board of some rows."""
-        return Board(self.rows.take(which), self.brains)
+    def take(self, which: Array) -> Evaluation:
+        """The evaluation of some rows."""
+        return Evaluation(self.rows.take(which), self.model_sets)
 
     @cached_property
     def known(self) -> Array:
@@ -198,24 +200,24 @@ class Board:
         return np.isin(self.rows["target"], targets_of("known"))
 
 
-def _situation(rows: Mapping[str, Array], sight: str, k: int, lines: int) -> Situation:
-    box = box_of(rows[f"{sight}_box"][k], rows[f"{sight}_dimensions_m"][k])
+def _situation(rows: Mapping[str, Array], target_source: str, k: int, lines: int) -> RankingContext:
+    box = box_of(rows[f"{target_source}_box"][k], rows[f"{target_source}_dimensions_m"][k])
     count = 5 * lines
     unknown = np.full(count, -1)
 
     def of(name: str) -> Array:
-        return np.asarray(rows[f"{sight}_{name}"][k])
+        return np.asarray(rows[f"{target_source}_{name}"][k])
 
     numbers = Numbers(
-        seen_m=of("seen_m"),
-        body_m=of("body_m"),
-        unseen_m=of("unseen_m"),
-        unseen_share=of("unseen_share"),
-        support_m=of("support_m"),
-        approach_m=of("approach_m"),
+        visible_clearance_m=of("visible_clearance_m"),
+        occluded_clearance_m=of("occluded_clearance_m"),
+        unseen_distance_m=of("unseen_distance_m"),
+        unseen_fraction=of("unseen_fraction"),
+        plane_clearance_m=of("plane_clearance_m"),
+        approach_clearance_m=of("approach_clearance_m"),
         fits=of("fits"),
         known=of("known"),
         nearest=unknown,
         nearest_on_way=unknown,
     )
-    return Situation(box, options_of(box, _HAND, lines), numbers, {})
+    return RankingContext(box, candidates_of(box, _HAND, lines), numbers, {})

@@ -47,12 +47,12 @@ SHAPES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Worth:
+class Metrics:
     """Each (N,), for the picks of N rows; NaN or False where nothing was picked.
 
     visible_m: to the visible cloud, as the thesis measured; exact_m: to exact surfaces. score,
     exact_score: the thesis's score by the one and the other; strict_score: by exact surfaces, over
-    the options that fit, stay off the table and have a free approach, 0 for a pick that does not.
+    the candidates that fit, stay off the table and have a free approach, 0 for a pick that does not.
     """
 
     answered: Bools
@@ -81,29 +81,31 @@ class Worth:
         return self.clear & self.valid
 
 
-def worth(rows: Mapping[str, Array], sight: str, picks: Array, shape: Shape = THESIS) -> Worth:
-    """What the picked options are worth: picks (N,) option indices, -1 for a request for help."""
+def metrics_of(
+    rows: Mapping[str, Array], target_source: str, picks: Array, shape: Shape = THESIS
+) -> Metrics:
+    """What the picked candidates are worth: picks (N,) candidate indices, -1 for a request for help."""
     answered = picks != ASK
     at = np.arange(len(picks)), np.where(answered, picks, 0)
 
     def of(name: str) -> Array:
-        return rows[f"{sight}_{name}"][at]
+        return rows[f"{target_source}_{name}"][at]
 
     def numbers(values: Array) -> Floats:
         return np.where(answered, values, np.nan)
 
     visible, exact = of("visible_m"), of("true_clearance_m")
-    fits, off = of("true_fits") & answered, of("true_support_m") > 0
-    valid = fits & off & (of("true_approach_m") > 0)
+    fits, off = of("true_fits") & answered, of("true_plane_clearance_m") > 0
+    valid = fits & off & (of("true_approach_clearance_m") > 0)
     strict = np.where(valid, shape(exact, rows["best_m"]), 0.0)
-    return Worth(
+    return Metrics(
         answered=answered,
         visible_m=numbers(visible),
         exact_m=numbers(exact),
         valid=valid,
         into_table=answered & ~off,
         too_wide=answered & ~fits,
-        score=numbers(shape(visible, rows[f"{sight}_visible_m"].max(axis=1))),
+        score=numbers(shape(visible, rows[f"{target_source}_visible_m"].max(axis=1))),
         exact_score=numbers(shape(exact, rows["true_clearance_m"].max(axis=1))),
         strict_score=numbers(strict),
     )

@@ -19,7 +19,7 @@ from boxgrasp.study.sections.full import (
 )
 from boxgrasp.study.sections.labels import labels_section
 from boxgrasp.study.sections.need import need_section, pooled_section
-from boxgrasp.study.sections.rankers import choosers_section
+from boxgrasp.study.sections.rankers import rankers_section
 from boxgrasp.study.sections.readings import readings_section
 from boxgrasp.study.sections.real import real_section
 from boxgrasp.study.sections.results import agreement_section, results_section, scores_section
@@ -64,7 +64,7 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         real_section(study),
         pooled_section(study),
         chapter5_section(study),
-        choosers_section(study),
+        rankers_section(study),
     ]
     if captures is not None:
         sections.append(captures_section(study, captures))

@@ -44,19 +44,22 @@ def read_running(parts: list[bytes]) -> Mapping[str, Array]:
 
 
 def _runs(config: RowConfig, number: int) -> list[tuple[Array, Array, Floats]]:
-    scenario, chosen = scenario_of_row(config, number), selector("given", config.lines, config.thin)
+    scenario, chosen = (
+        scenario_of_row(config, number),
+        selector("given", config.lines, config.stride),
+    )
     frames = [scenario.capture(config.recipe.noise, k) for k in range(BEFORE + config.runs)]
-    rays = [(frame.valid_points()[0][:: config.thin], np.zeros(3)) for frame, _ in frames]
-    cells = replace(chosen.config.occupancy, resolution_m=RESOLUTION_M["grid"])
+    rays = [(frame.valid_points()[0][:: config.stride], np.zeros(3)) for frame, _ in frames]
+    cells = replace(chosen.config.mapping, resolution_m=RESOLUTION_M["grid"])
     T_source_map: Floats | None = None
     found: list[tuple[Array, Array, Floats]] = []
     for run in range(config.runs):
         frame, labels = frames[BEFORE + run]
         mask = Target(mask=labels == scenario.scene.target_label)
-        sight = chosen.sight(frame, mask)
-        box = sight.situation.box
+        analysis = chosen.analyze(frame, mask)
+        box = analysis.context.box
         if T_source_map is None:
-            T_source_map = invert(sight.scene.T_base_source) @ box.T_base_map()
+            T_source_map = invert(analysis.scene.T_base_source) @ box.T_base_map()
         local_map = build_local_map(rays[: BEFORE + run + 1], T_source_map, cells)
         found.append((*occupied_at(local_map, "grid"), box.dimensions_m))
     return found

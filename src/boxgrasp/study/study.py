@@ -14,10 +14,10 @@ from typing import Any
 from boxgrasp.errors import ConfigError
 from boxgrasp.execution import Store, Workers
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.study.evaluation import VERSIONS, Board, Brain, brain_of
+from boxgrasp.study.evaluation import VERSIONS, Evaluation, ModelSet, model_set_of
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import EIGHT, train_eight
+from boxgrasp.teaching.train import SVMS, train_svms
 
 STREAMS = 1000
 
@@ -65,7 +65,7 @@ class Study:
     seed: int = 1
     scale: Scale = Scale()
     _rows: dict[str, Rows] = field(default_factory=dict)
-    _boards: dict[str, Board] = field(default_factory=dict)
+    _evaluations: dict[str, Evaluation] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -85,27 +85,29 @@ class Study:
             "tested": self._set(2, Recipe(every), n.tested),
             "need": self._set(3, Recipe(every, obstacles=tight, wish="off-center"), n.need),
             "central": self._set(4, Recipe(every, obstacles=tight, wish="no-central"), n.central),
-            "real": self._set(5, robot, n.real, runs=n.runs, thin=2),
-            "real-clean": self._set(5, replace(robot, noise="none"), n.real, thin=2),
-            "real-every-point": self._set(5, robot, n.real, runs=n.runs, thin=1),
+            "real": self._set(5, robot, n.real, runs=n.runs, stride=2),
+            "real-clean": self._set(5, replace(robot, noise="none"), n.real, stride=2),
+            "real-every-point": self._set(5, robot, n.real, runs=n.runs, stride=1),
             "real-fused": self._set(
-                5, robot, n.real, runs=n.runs, thin=2, frames=n.fused, sights=given
+                5, robot, n.real, runs=n.runs, stride=2, frames=n.fused, target_sources=given
             ),
-            "ad-hoc": self._set(6, ad_hoc, n.ad_hoc, runs=n.runs, thin=2),
+            "ad-hoc": self._set(6, ad_hoc, n.ad_hoc, runs=n.runs, stride=2),
         }
         if n.full:
             more = n.most_labels - n.labels
             found |= {
-                "real-once": self._set(7, robot, n.real_once, thin=2),
-                "more-labels": self._set(8, Recipe(known), more, sights=given),
-                "mirrored": self._set(1, Recipe(known, mirrored=True), n.labels, sights=given),
+                "real-once": self._set(7, robot, n.real_once, stride=2),
+                "more-labels": self._set(8, Recipe(known), more, target_sources=given),
+                "mirrored": self._set(
+                    1, Recipe(known, mirrored=True), n.labels, target_sources=given
+                ),
             }
             for lines in (1, 5, 7):
                 found[f"labels-{lines}"] = self._set(
-                    1, Recipe(known), n.labels, lines=lines, sights=given
+                    1, Recipe(known), n.labels, lines=lines, target_sources=given
                 )
                 found[f"tested-{lines}"] = self._set(
-                    2, Recipe(every), n.curve_tested, lines=lines, sights=given
+                    2, Recipe(every), n.curve_tested, lines=lines, target_sources=given
                 )
         return found
 
@@ -132,17 +134,17 @@ class Study:
     def trained(self) -> Mapping[str, Mapping[str, Any]]:
         """What is kept of the eight SVMs' training by their names; trained where it is not yet."""
         labeled = self.sets()["labels"], self.rows("labels")
-        kept = train_eight(self.store, "models/", labeled, self.workers, self.seed)
-        return {svm.name: item for svm, item in zip(EIGHT, kept, strict=True)}
+        kept = train_svms(self.store, "models/", labeled, self.workers, self.seed)
+        return {svm.name: item for svm, item in zip(SVMS, kept, strict=True)}
 
     @cached_property
-    def brains(self) -> Mapping[str, Brain]:
+    def model_sets(self) -> Mapping[str, ModelSet]:
         """The trained deciders of the four versions."""
         _ = self.trained  # trains what is not there yet
-        return {version: brain_of(version, self.store, "models/") for version in VERSIONS}
+        return {version: model_set_of(version, self.store, "models/") for version in VERSIONS}
 
-    def board(self, name: str) -> Board:
-        """A set's rows with what every chooser picks in them."""
-        if name not in self._boards:
-            self._boards[name] = Board(self.rows(name), self.brains)
-        return self._boards[name]
+    def evaluation(self, name: str) -> Evaluation:
+        """A set's rows with what every ranker picks in them."""
+        if name not in self._evaluations:
+            self._evaluations[name] = Evaluation(self.rows(name), self.model_sets)
+        return self._evaluations[name]

@@ -1,4 +1,4 @@
-"""Who says which option to take: a person, or the stand-in for one."""
+"""Who says which candidate to take: a person, or the stand-in for one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from boxgrasp.arrays import Points
 from boxgrasp.geometry.box import Box
-from boxgrasp.grasps.candidates import Options
+from boxgrasp.grasps.candidates import Candidates
 from boxgrasp.grasps.gripper import Gripper
 
 
@@ -22,7 +22,7 @@ class Shown:
     """
 
     box: Box
-    options: Options
+    candidates: Candidates
     points: Points
     table_m: float
     gripper: Gripper
@@ -40,7 +40,7 @@ class Operator(Protocol):
     """Labels scenes. A person behind a page and the stand-in are both one."""
 
     def label(self, shown: Shown, rng: np.random.Generator) -> Label:
-        """The option to take; rng is the scenario's own, for who is not perfectly steady."""
+        """The candidate to take; rng is the scenario's own, for who is not perfectly steady."""
 
 
 __all__ = ["Label", "Operator", "Shown"]

@@ -24,23 +24,23 @@ from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.sampling import RESOLUTION_M, portion, sampling
-from boxgrasp.selector import GraspSelector, Sight
+from boxgrasp.selector import GraspSelector, SceneAnalysis
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
-from boxgrasp.simulate.truth import option_truth, true_box
+from boxgrasp.simulate.truth import candidate_truth, true_box
 from boxgrasp.teaching.operators import Operator, Shown
 from boxgrasp.teaching.stand_in import StandIn
 
-SIGHTS = ("given", "found")
+TARGET_SOURCES = ("given", "found")
 SAMPLINGS = ("grid", "spiral")
 FITS = {"given": "aligned", "found": "yaw"}
 CELLS_M = tuple(sorted({RESOLUTION_M[name] for name in SAMPLINGS}))
-# Of each option, measured by the check.
+# Of each candidate, measured by the check.
 NUMBERS = (
-    "seen_m", "body_m", "unseen_m", "unseen_share", "support_m", "approach_m", "fits", "known",
+    "visible_clearance_m", "occluded_clearance_m", "unseen_distance_m", "unseen_fraction", "plane_clearance_m", "approach_clearance_m", "fits", "known",
 )  # fmt: skip
-# Of each option, exact truth of its pose.
-TRUTHS = ("clearance_m", "support_m", "approach_m", "fits")
+# Of each candidate, exact truth of its pose.
+TRUTHS = ("clearance_m", "plane_clearance_m", "approach_clearance_m", "fits")
 
 Row = dict[str, Any]
 STAND_IN = StandIn()
@@ -48,10 +48,10 @@ STAND_IN = StandIn()
 
 @dataclass(frozen=True)
 class RowConfig:
-    """How rows are made: the recipe of their scenes, the seed, lines a face, the sights.
+    """How rows are made: the recipe of their scenes, the seed, lines a face, the target_sources.
 
     runs: how often each scenario is seen, its noise drawn anew; frames: how many frames are fused
-    in the map of each; thin: as `OccupancyConfig.thin`.
+    in the map of each; stride: as `MappingConfig.stride`.
 
     Raises:
         ConfigError: a seed or a number of lines that cannot be.
@@ -60,10 +60,10 @@ class RowConfig:
     recipe: Recipe
     seed: int
     lines: int = 3
-    sights: tuple[str, ...] = SIGHTS
+    target_sources: tuple[str, ...] = TARGET_SOURCES
     runs: int = 1
     frames: int = 1
-    thin: int | None = None
+    stride: int | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:  # the seed's column is int64
@@ -106,48 +106,50 @@ def scenario_row(
     row = {**_truth_columns(scenario), "run": run}
     scene: Scene | None = None
     blocked: Array | None = None
-    for name in config.sights:
-        chosen = selector(name, config.lines, config.thin)
+    for name in config.target_sources:
+        chosen = selector(name, config.lines, config.stride)
         mask = labels == scenario.scene.target_label
         target = Target(mask=mask) if name == "given" else None
         try:
             scene = scene or chosen.scene(capture)
-            sight = chosen.sight(capture, target, scans, scene=scene, cells_m=CELLS_M)
+            analysis = chosen.analyze(capture, target, scans, scene=scene, cells_m=CELLS_M)
         except BoxgraspError as error:
             row[f"{name}_error"] = str(error)
             continue
         if name == "given":
-            blocked = np.ascontiguousarray(sight.scene.points[sight.aim.others])
-            label = operator.label(shown(sight, chosen), scenario.rng(OPERATOR))
+            blocked = np.ascontiguousarray(
+                analysis.scene.points[analysis.target_points.obstacle_mask]
+            )
+            label = operator.label(shown(analysis, chosen), scenario.rng(OPERATOR))
             row |= {"label": label.label, "label_source": label.source}
-        row |= {f"{name}_{key}": value for key, value in _sight_columns(sight, scenario).items()}
+        row |= {f"{name}_{key}": value for key, value in _sight_columns(analysis, scenario).items()}
         if blocked is not None:
             hands = hand_distance.uprights(
-                sight.situation.options.T_base_gripper, chosen.config.gripper.half_m
+                analysis.context.candidates.T_base_gripper, chosen.config.gripper.half_m
             )
             row[f"{name}_visible_m"] = hand_distance.to_points(hands, blocked)[0]
     return row
 
 
-def shown(sight: Sight, selector: GraspSelector) -> Shown:
-    """What the operator is shown of a sight."""
+def shown(analysis: SceneAnalysis, selector: GraspSelector) -> Shown:
+    """What the operator is shown of a analysis."""
     return Shown(
-        sight.situation.box,
-        sight.situation.options,
-        np.ascontiguousarray(sight.scene.points[sight.aim.others]),
-        float(sight.situation.box.base_center_m[2]),
+        analysis.context.box,
+        analysis.context.candidates,
+        np.ascontiguousarray(analysis.scene.points[analysis.target_points.obstacle_mask]),
+        float(analysis.context.box.base_center_m[2]),
         selector.config.gripper,
     )
 
 
 @cache
-def selector(sight: str, lines: int, thin: int | None = None) -> GraspSelector:
-    """The configuration of a sight."""
+def selector(analysis: str, lines: int, stride: int | None = None) -> GraspSelector:
+    """The configuration of a analysis."""
     return GraspSelector(
         {
-            "box": {"fit": FITS[sight]},
-            "options": {"lines": lines},
-            "occupancy": {"thin": thin},
+            "box": {"fit": FITS[analysis]},
+            "candidates": {"lines": lines},
+            "mapping": {"stride": stride},
         }
     )
 
@@ -185,18 +187,18 @@ def _truth_columns(scenario: Scenario) -> Row:
     }
 
 
-def _sight_columns(sight: Sight, scenario: Scenario) -> Row:
-    box, numbers = sight.situation.box, sight.situation.numbers
-    truth = option_truth(scenario.scene, sight.situation.options.T_base_gripper)
+def _sight_columns(analysis: SceneAnalysis, scenario: Scenario) -> Row:
+    box, numbers = analysis.context.box, analysis.context.numbers
+    truth = candidate_truth(scenario.scene, analysis.context.candidates.T_base_gripper)
     row: Row = {
         "box": np.array([*box.T_base_box[:3, 3], box.yaw_rad]),
         "dimensions_m": box.dimensions_m,
-        "passes": sight.verdict.passing,
+        "passes": analysis.verdict.passing,
         **{name: getattr(numbers, name) for name in NUMBERS},
         **{f"true_{name}": getattr(truth, name) for name in TRUTHS},
     }
     for name in SAMPLINGS:
-        local_map = sight.situation.maps[RESOLUTION_M[name]]
+        local_map = analysis.context.local_maps[RESOLUTION_M[name]]
         row[name], row[f"{name}_portions"] = occupied_at(local_map, name)
     return row
 

@@ -63,7 +63,7 @@ class SetConfig:
 
 @dataclass(frozen=True, eq=False)
 class Rows(Mapping[str, Array]):
-    """Columns by name, (N, ...) arrays; what a sight could not tell is NaN, False or 0."""
+    """Columns by name, (N, ...) arrays; what a target_source could not tell is NaN, False or 0."""
 
     columns: Mapping[str, Array]
 
@@ -186,9 +186,9 @@ def from_parquet(data: bytes) -> Rows:
 def schema(config: RowConfig) -> Any:
     """Arrow schema of a set's rows."""
     pa, _ = _arrow()
-    options = 5 * config.lines
-    meters = pa.list_(pa.float64(), options)
-    flags = pa.list_(pa.bool_(), options)
+    candidates = 5 * config.lines
+    meters = pa.list_(pa.float64(), candidates)
+    flags = pa.list_(pa.bool_(), candidates)
     fields = [
         ("seed", pa.int64()),
         ("number", pa.int64()),
@@ -203,20 +203,20 @@ def schema(config: RowConfig) -> Any:
         ("label", pa.int64()),
         ("label_source", pa.string()),
     ]
-    for sight in config.sights:
+    for target_source in config.target_sources:
         fields += [
-            (f"{sight}_error", pa.string()),
-            (f"{sight}_box", pa.list_(pa.float64(), 4)),
-            (f"{sight}_dimensions_m", pa.list_(pa.float64(), 3)),
-            (f"{sight}_passes", flags),
-            (f"{sight}_visible_m", meters),
-            *((f"{sight}_{name}", flags if name in FLAGS else meters) for name in NUMBERS),
-            *((f"{sight}_true_{n}", flags if n == "fits" else meters) for n in TRUTHS),
+            (f"{target_source}_error", pa.string()),
+            (f"{target_source}_box", pa.list_(pa.float64(), 4)),
+            (f"{target_source}_dimensions_m", pa.list_(pa.float64(), 3)),
+            (f"{target_source}_passes", flags),
+            (f"{target_source}_visible_m", meters),
+            *((f"{target_source}_{name}", flags if name in FLAGS else meters) for name in NUMBERS),
+            *((f"{target_source}_true_{n}", flags if n == "fits" else meters) for n in TRUTHS),
         ]
         for name in SAMPLINGS:
             whole, portions = sample_points(name)
-            fields.append((f"{sight}_{name}", pa.list_(pa.uint8(), len(whole))))
-            fields.append((f"{sight}_{name}_portions", pa.list_(pa.uint8(), len(portions))))
+            fields.append((f"{target_source}_{name}", pa.list_(pa.uint8(), len(whole))))
+            fields.append((f"{target_source}_{name}_portions", pa.list_(pa.uint8(), len(portions))))
     return pa.schema(fields)
 
 

@@ -22,7 +22,7 @@ SOURCE = "stand-in"
 
 @dataclass(frozen=True)
 class StandIn:
-    """Its habits; liking is counted in meters of room that it is worth.
+    """Its habits; liking is counted in meters of room that it is metrics.
 
     face_m: liking of left, front, right, top-parallel, top-perpendicular. off_center_m: what the
     outermost lines cost. enough_m: room beyond which more is no better. eye_m: standard deviation
@@ -38,23 +38,23 @@ class StandIn:
     into_table_m: float = 0.01
 
     def label(self, shown: Shown, rng: np.random.Generator) -> Label:
-        """The option that it likes best; None where nothing goes between the fingers."""
-        options = shown.options
-        fits = options.width_m <= shown.gripper.opening_m
+        """The candidate that it likes best; None where nothing goes between the fingers."""
+        candidates = shown.candidates
+        fits = candidates.width_m <= shown.gripper.max_opening_m
         if not fits.any():
             return Label(None, SOURCE)
         best = int(np.argmax(np.where(fits, self.liking(shown, rng), -np.inf)))
-        return Label(int(options.label[best]), SOURCE)
+        return Label(int(candidates.label[best]), SOURCE)
 
     def liking(self, shown: Shown, rng: np.random.Generator) -> Floats:
-        """(M,) m, how much it likes each option."""
-        options = shown.options
-        hands = hand_distance.uprights(options.T_base_gripper, shown.gripper.half_m)
+        """(M,) m, how much it likes each candidate."""
+        candidates = shown.candidates
+        hands = hand_distance.uprights(candidates.T_base_gripper, shown.gripper.half_m)
         room = hand_distance.to_points(hands, shown.points)[0]
         room = np.minimum(room + self.eye_m * rng.standard_normal(len(room)), self.enough_m)
         low = hands[:, 6] - shown.table_m < -self.into_table_m
-        middle = (options.lines + 1) / 2
-        off_center = np.abs(options.line - middle) / max(middle - 1.0, 1.0)
-        habit = np.array(self.face_m)[options.face - 1] - self.off_center_m * off_center
+        middle = (candidates.lines + 1) / 2
+        off_center = np.abs(candidates.line - middle) / max(middle - 1.0, 1.0)
+        habit = np.array(self.face_m)[candidates.face - 1] - self.off_center_m * off_center
         mood = self.mood_m * rng.standard_normal(len(room))
         return np.asarray(habit + mood + np.where(low, -self.enough_m, room))

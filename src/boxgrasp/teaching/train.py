@@ -59,7 +59,7 @@ class Svm:
         return line_schema(points, LEFT if self.part == "side" else TOP_PARALLEL)
 
 
-EIGHT = tuple(
+SVMS = tuple(
     Svm(2 * step + k + 1, name, part)
     for step, part in enumerate(PARTS)
     for k, name in enumerate(SAMPLINGS)
@@ -114,7 +114,7 @@ class Trained:
     onnx: bytes
 
 
-def train_one(
+def train_svm(
     rows: Mapping[str, Array],
     svm: Svm,
     provenance: Provenance,
@@ -174,13 +174,13 @@ def training_tasks(
             provenance,
             seed,
         )
-        for svm in EIGHT
+        for svm in SVMS
     }
 
 
 def trained_json(task: tuple[dict[str, Array], Svm, Provenance, int]) -> bytes:
     """One SVM trained, with its search's heat map and its file, as JSON."""
-    done = train_one(*task)
+    done = train_svm(*task)
     kept = {
         "record": plain(done.record),
         "one_vs_rest": done.one_vs_rest,
@@ -200,7 +200,7 @@ def _grid(grid: Grid) -> dict[str, Any]:
     return {name: np.asarray(value).tolist() for name, value in vars(grid).items()}
 
 
-def train_eight(
+def train_svms(
     store: Store, prefix: str, labeled: tuple[SetConfig, Rows], workers: Workers, seed: int = 0
 ) -> list[dict[str, Any]]:
     """Train what is not there yet of the eight, write their files, give what is kept of each.
@@ -218,7 +218,7 @@ def train_eight(
         store, training_tasks(*labeled, f"{prefix}training/", seed), trained_json, workers, "train"
     )
     kept = []
-    for svm in EIGHT:
+    for svm in SVMS:
         kept.append(json.loads(store.read(f"{prefix}training/{svm.name}.json")))
         name = f"{prefix}{svm.name}.onnx"
         if not store.exists(name):

@@ -1,4 +1,4 @@
-"""Numbers and reasons for every option, the same for every chooser."""
+"""Numbers and reasons for every candidate, the same for every ranker."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from boxgrasp.arrays import Floats
 from boxgrasp.errors import GripperError
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
-from boxgrasp.grasps.candidates import FACES, Options
+from boxgrasp.grasps.candidates import FACES, Candidates
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.mapping.local_map import FREE, LocalMap
@@ -24,42 +24,42 @@ Short = Annotated[float, Meta(ge=0.0, le=0.5)]
 
 
 @dataclass(frozen=True)
-class CheckConfig:
-    """What an option must keep, meters.
+class ChecksConfig:
+    """What a candidate must keep, meters.
 
     clearance_m: to seen obstacles (thesis: 2 cm is feasible), beside noise_m for sensor noise.
-    body_m: to the hidden bodies under seen surfaces. unseen_m: to space that no ray crossed.
-    unseen_share: how much of the gripper's space, grown by clearance_m, may be unseen.
-    approach_back_m: how far back the way in is checked; approach_m: room along it to seen
-    obstacles and hidden bodies. support_m: off the support plane. width_m: how much narrower
+    occluded_clearance_m: to the hidden bodies under seen surfaces. unseen_distance_m: to space that no ray crossed.
+    unseen_fraction: how much of the gripper's space, grown by clearance_m, may be unseen.
+    pregrasp_distance_m: how far back the way in is checked; approach_clearance_m: room along it to seen
+    obstacles and hidden bodies. plane_clearance_m: off the support plane. width_m: how much narrower
     than the opening the target must be.
     """
 
     clearance_m: Short = 0.02
     noise_m: Short = 0.003
-    body_m: Short = 0.02
-    unseen_m: Short = 0.0
-    unseen_share: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.25
-    approach_back_m: Short = 0.15
-    approach_m: Short = 0.005
-    support_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.003
+    occluded_clearance_m: Short = 0.02
+    unseen_distance_m: Short = 0.0
+    unseen_fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.25
+    pregrasp_distance_m: Short = 0.15
+    approach_clearance_m: Short = 0.005
+    plane_clearance_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.003
     width_m: Short = 0.003
 
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """(M,) arrays over the options, meters capped at 0.50; see `CheckConfig` for the words.
+    """(M,) arrays over the candidates, meters capped at 0.50; see `ChecksConfig` for the words.
 
     nearest: row of the nearest obstacle point, -1 for none; fits: whether the target goes
     between the fingers; known: whether its width there is known.
     """
 
-    seen_m: Floats
-    body_m: Floats
-    unseen_m: Floats
-    unseen_share: Floats
-    support_m: Floats
-    approach_m: Floats
+    visible_clearance_m: Floats
+    occluded_clearance_m: Floats
+    unseen_distance_m: Floats
+    unseen_fraction: Floats
+    plane_clearance_m: Floats
+    approach_clearance_m: Floats
     fits: NDArray[np.bool_]
     known: NDArray[np.bool_]
     nearest: NDArray[np.int64]
@@ -68,19 +68,19 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """rejected: a reason or None, an option each; short_m: how much each lacks in all, meters."""
+    """rejected: a reason or None, a candidate each; short_m: how much each lacks in all, meters."""
 
     rejected: tuple[str | None, ...]
     short_m: Floats
 
     @property
     def passing(self) -> NDArray[np.bool_]:
-        """(M,) whether nothing speaks against the option."""
+        """(M,) whether nothing speaks against the candidate."""
         return np.array([reason is None for reason in self.rejected])
 
 
 def measure(
-    options: Options,
+    candidates: Candidates,
     gripper: Gripper,
     box: Box,
     scene: Scene,
@@ -88,9 +88,9 @@ def measure(
     extra_cells: tuple[Floats, Floats],
     local_map: LocalMap,
     width_known: tuple[bool, bool],
-    config: CheckConfig,
+    config: ChecksConfig,
 ) -> Numbers:
-    """All distances of all options.
+    """All distances of all candidates.
 
     others: (K,) which of the scene's points are obstacles. extra_cells:
     centers (K, 3) and edges (K,) of occupied cells that no point explains. width_known: whether
@@ -99,15 +99,15 @@ def measure(
     Raises:
         GripperError: the fingers cannot open wider than the margin.
     """
-    if gripper.opening_m <= config.width_m:
+    if gripper.max_opening_m <= config.width_m:
         raise GripperError(
-            f"gripper opening_m {gripper.opening_m} cannot hold anything: check.width_m is "
+            f"gripper max_opening_m {gripper.max_opening_m} cannot hold anything: check.width_m is "
             f"{config.width_m}; valid: a wider opening"
         )
-    T = options.T_base_gripper
+    T = candidates.T_base_gripper
     obstacles = np.ascontiguousarray(scene.points[others])
     boxes = hand_distance.uprights(T, gripper.half_m)
-    swept = hand_distance.uprights(T, gripper.half_m, config.approach_back_m)
+    swept = hand_distance.uprights(T, gripper.half_m, config.pregrasp_distance_m)
     columns = np.vstack(
         (
             columns_under(obstacles, local_map, scene.plane),
@@ -127,74 +127,78 @@ def measure(
     if not np.any(local_map.state == FREE):  # no camera is known: the answer warns instead
         share = np.zeros(len(boxes))
     return Numbers(
-        seen_m=seen,
-        body_m=body,
-        unseen_m=np.minimum(body, hand_distance.to_cells(boxes, unseen, sizes, box.yaw_rad)),
-        unseen_share=share,
-        support_m=hand_distance.to_plane(boxes, scene.plane.normal, scene.plane.offset_m),
-        approach_m=approach,
-        fits=options.width_m <= gripper.opening_m - config.width_m,
-        known=np.array(width_known)[options.width_axis],
+        visible_clearance_m=seen,
+        occluded_clearance_m=body,
+        unseen_distance_m=np.minimum(
+            body, hand_distance.to_cells(boxes, unseen, sizes, box.yaw_rad)
+        ),
+        unseen_fraction=share,
+        plane_clearance_m=hand_distance.to_plane(boxes, scene.plane.normal, scene.plane.offset_m),
+        approach_clearance_m=approach,
+        fits=candidates.width_m <= gripper.max_opening_m - config.width_m,
+        known=np.array(width_known)[candidates.width_axis],
         nearest=nearest,
         nearest_on_way=on_way,
     )
 
 
 def judge(
-    options: Options,
+    candidates: Candidates,
     numbers: Numbers,
     gripper: Gripper,
     scene: Scene,
     labels: NDArray[np.int64],
     faces: tuple[str, ...],
-    config: CheckConfig,
+    config: ChecksConfig,
 ) -> Verdict:
-    """Each option's reason to fall out, or None. labels: (N,) object number of each obstacle."""
+    """Each candidate's reason to fall out, or None. labels: (N,) object number of each obstacle."""
     reasons: list[str | None] = []
     need = config.clearance_m + config.noise_m
     limits = (
-        (numbers.support_m, config.support_m),
-        (numbers.seen_m, need),
-        (numbers.approach_m, config.approach_m),
-        (numbers.body_m, config.body_m),
-        (numbers.unseen_m, config.unseen_m),
+        (numbers.plane_clearance_m, config.plane_clearance_m),
+        (numbers.visible_clearance_m, need),
+        (numbers.approach_clearance_m, config.approach_clearance_m),
+        (numbers.occluded_clearance_m, config.occluded_clearance_m),
+        (numbers.unseen_distance_m, config.unseen_distance_m),
     )
     short = sum(
-        (np.maximum(limit - value, 0.0) for value, limit in limits), np.zeros(len(options.label))
+        (np.maximum(limit - value, 0.0) for value, limit in limits), np.zeros(len(candidates.label))
     )
-    short = short + np.maximum(options.width_m - gripper.opening_m + config.width_m, 0.0)
+    short = short + np.maximum(candidates.width_m - gripper.max_opening_m + config.width_m, 0.0)
     short = short + np.where(numbers.known, 0.0, 0.2)
-    short = short + 0.1 * np.maximum(numbers.unseen_share - config.unseen_share, 0.0)
-    for k in range(len(options.label)):
+    short = short + 0.1 * np.maximum(numbers.unseen_fraction - config.unseen_fraction, 0.0)
+    for k in range(len(candidates.label)):
         found = []
-        if FACES[options.face[k] - 1] not in faces:
+        if FACES[candidates.face[k] - 1] not in faces:
             found.append("face not allowed")
             short[k] += 1.0
         if not numbers.fits[k]:
             found.append(
-                f"target {_cm(options.width_m[k])} wide, opening {_cm(gripper.opening_m)}"
+                f"target {_cm(candidates.width_m[k])} wide, opening {_cm(gripper.max_opening_m)}"
                 f" less {_cm(config.width_m)}"
             )
         elif not numbers.known[k]:
             found.append("width unknown")
-        if numbers.support_m[k] < config.support_m:
-            found.append(f"support plane {_cm(numbers.support_m[k])}")
-        if numbers.seen_m[k] < need:
+        if numbers.plane_clearance_m[k] < config.plane_clearance_m:
+            found.append(f"support plane {_cm(numbers.plane_clearance_m[k])}")
+        if numbers.visible_clearance_m[k] < need:
             what = _what(labels, numbers.nearest[k])
-            found.append(f"{what} {_cm(numbers.seen_m[k])}, needs {_cm(need)}")
-        elif numbers.body_m[k] < config.body_m:
+            found.append(f"{what} {_cm(numbers.visible_clearance_m[k])}, needs {_cm(need)}")
+        elif numbers.occluded_clearance_m[k] < config.occluded_clearance_m:
             found.append(
-                f"hidden side of an obstacle {_cm(numbers.body_m[k])}, needs {_cm(config.body_m)}"
+                f"hidden side of an obstacle {_cm(numbers.occluded_clearance_m[k])}, needs {_cm(config.occluded_clearance_m)}"
             )
-        if numbers.approach_m[k] < config.approach_m:
+        if numbers.approach_clearance_m[k] < config.approach_clearance_m:
             what = _what(labels, numbers.nearest_on_way[k])
-            found.append(f"approach: {what} {_cm(numbers.approach_m[k])}")
-        if numbers.unseen_m[k] < config.unseen_m:
-            found.append(f"unseen space {_cm(numbers.unseen_m[k])}, needs {_cm(config.unseen_m)}")
-        if numbers.unseen_share[k] > config.unseen_share:
+            found.append(f"approach: {what} {_cm(numbers.approach_clearance_m[k])}")
+        if numbers.unseen_distance_m[k] < config.unseen_distance_m:
             found.append(
-                f"unseen space fills {numbers.unseen_share[k]:.0%} of the gripper's room, "
-                f"at most {config.unseen_share:.0%}"
+                f"unseen space {_cm(numbers.unseen_distance_m[k])}, needs {_cm(config.unseen_distance_m)}"
+            )
+        if numbers.unseen_fraction[k] > config.unseen_fraction:
+            found.append(
+                f"unseen space fills {numbers.unseen_fraction[k]:.0%} of the gripper's room, "
+                f"at most {config.unseen_fraction:.0%}"
             )
         reasons.append("; ".join(found) or None)
     return Verdict(tuple(reasons), short)

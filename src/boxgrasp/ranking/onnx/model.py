@@ -140,15 +140,15 @@ def ranked(
     labels never seen in training last, in their order.
     """
     every = np.array(sorted(wanted), dtype=np.int64)
-    worth = np.full((len(label), len(every)), -np.inf)
+    scores = np.full((len(label), len(every)), -np.inf)
     for k, known in enumerate(classes):
-        worth[:, every == known] = np.round(decision[:, k : k + 1], _DECIMALS)
-    worth[every == np.asarray(label)[:, None]] = np.inf
-    return np.asarray(every[np.argsort(-worth, axis=1, kind="stable")])
+        scores[:, every == known] = np.round(decision[:, k : k + 1], _DECIMALS)
+    scores[every == np.asarray(label)[:, None]] = np.inf
+    return np.asarray(every[np.argsort(-scores, axis=1, kind="stable")])
 
 
 def cascaded(faces: Labels, lines: Labels) -> Labels:
-    """(N, 5 l) option labels from faces (N, 5), best first, and lines (N, 5, l) of faces 1 to 5."""
+    """(N, 5 l) candidate labels from faces (N, 5), best first, and lines (N, 5, l) of faces 1 to 5."""
     chosen = np.take_along_axis(lines, (faces - 1)[:, :, None], axis=1)
     count = lines.shape[2]
     return np.asarray(((faces - 1)[:, :, None] * count + chosen).reshape(len(faces), -1))

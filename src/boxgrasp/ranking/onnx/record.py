@@ -25,7 +25,7 @@ class Record:
 
     version: the thesis's algorithm version, as `cascade-grid`; part: what it decides. features:
     names of its features in order, schema_hash: theirs. largest_edge_m: what box dimensions are
-    divided by; None for each box's own. classes: options 1 to 5 l, faces 1 to 5 or lines 1 to l,
+    divided by; None for each box's own. classes: candidates 1 to 5 l, faces 1 to 5 or lines 1 to l,
     those seen in training. accuracy: of its cross-validation. versions: of the libraries.
 
     Raises:

@@ -6,21 +6,23 @@ import numpy as np
 
 from boxgrasp.grasps.candidates import FRONT, TOP_PARALLEL
 from boxgrasp.grasps.scoring import GREEN_FROM_M
-from boxgrasp.ranking.ranker import Chooser, Preference, Situation
+from boxgrasp.ranking.ranker import Ranker, Ranking, RankingContext
 
 # What unseen space in the gripper's room costs: 3 cm of room if all of it is unseen.
 _UNSEEN_COST_M = 0.03
 
 
-class ByClearance(Chooser):
+class ByClearance(Ranker):
     """Most clearance first; front and top-parallel before the rest, line 2 before the outer."""
 
-    def prefer(self, situation: Situation) -> Preference:
+    def rank(self, context: RankingContext) -> Ranking:
         """Order by room, then habit, then label."""
-        options, numbers = situation.options, situation.numbers
-        room = np.minimum(np.minimum(numbers.seen_m, numbers.body_m), GREEN_FROM_M)
-        room = np.round(room - _UNSEEN_COST_M * numbers.unseen_share, 4)
-        unhabitual = ~np.isin(options.face, (FRONT, TOP_PARALLEL))
-        off_center = np.abs(options.line - (options.lines + 1) / 2)
-        order = np.lexsort((options.label, off_center, unhabitual, -room))
-        return Preference(order, np.clip(room / GREEN_FROM_M, 0.0, 1.0))
+        candidates, numbers = context.candidates, context.numbers
+        room = np.minimum(
+            np.minimum(numbers.visible_clearance_m, numbers.occluded_clearance_m), GREEN_FROM_M
+        )
+        room = np.round(room - _UNSEEN_COST_M * numbers.unseen_fraction, 4)
+        unhabitual = ~np.isin(candidates.face, (FRONT, TOP_PARALLEL))
+        off_center = np.abs(candidates.line - (candidates.lines + 1) / 2)
+        order = np.lexsort((candidates.label, off_center, unhabitual, -room))
+        return Ranking(order, np.clip(room / GREEN_FROM_M, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""The thesis's four versions: one SVM for all options, or one for the face and one for the line.
+"""The thesis's four versions: one SVM for all candidates, or one for the face and one for the line.
 
 Models are read from `<version>.onnx`, or `<version>-face.onnx`, `-side.onnx` and `-top.onnx`.
 """
@@ -21,19 +21,19 @@ from boxgrasp.ranking import features
 from boxgrasp.ranking.features import FeatureSchema
 from boxgrasp.ranking.onnx.model import SHIPPED, Model, cascaded, load_model, ranked
 from boxgrasp.ranking.onnx.record import check_fits, model_name
-from boxgrasp.ranking.ranker import Chooser, Preference, Setup, Situation
+from boxgrasp.ranking.ranker import Ranker, RankerSetup, Ranking, RankingContext
 from boxgrasp.ranking.sampling import is_side, sampling
 
 FACES = range(1, 6)
 Labels = NDArray[np.int64]
 
 
-class Svm(Chooser):
-    """Orders the options as trained SVMs prefer them.
+class Svm(Ranker):
+    """Orders the candidates as trained SVMs prefer them.
 
-    Sureness of an option is the share of one-against-one contests that it won, 0 for one never
-    seen in training; a cascade's lines share the room between their face's sureness and the next
-    face's. It never exceeds that of an option preferred to it. It is no probability.
+    Confidence of a candidate is the share of one-against-one contests that it won, 0 for one never
+    seen in training; a cascade's lines share the room between their face's confidence and the next
+    face's. It never exceeds that of a candidate preferred to it. It is no probability.
     """
 
     version: ClassVar[str]
@@ -52,51 +52,49 @@ class Svm(Chooser):
                 "its preferences may be off, the check is not",
             )
 
-    def prepared(self, setup: Setup) -> Chooser:
-        """The chooser with the models of the setup's folder."""
+    def prepared(self, setup: RankerSetup) -> Ranker:
+        """The ranker with the models of the setup's folder."""
         folder = SHIPPED if setup.models is None else Path(setup.models)
         models = {part: _loaded(folder, self.version, part) for part in self.parts}
         for model in models.values():
             lines = model.record.lines
             if lines != setup.lines:
                 raise ConfigError(
-                    f"options.lines is {setup.lines}; {self.version} in {folder} was trained for "
+                    f"candidates.lines is {setup.lines}; {self.version} in {folder} was trained for "
                     f"{lines}; valid: {lines}, or models trained for {setup.lines} (--models DIR)"
                 )
         return type(self)(models, setup.gripper)
 
-    def prefer(self, situation: Situation) -> Preference:
-        """Every option: first the prediction, then by the decision values."""
-        labels, sureness = self._ordered(situation)
+    def rank(self, context: RankingContext) -> Ranking:
+        """Every candidate: first the prediction, then by the decision values."""
+        labels, confidence = self._ordered(context)
         order = labels - 1
         by_row = np.empty(len(order))
-        by_row[order] = sureness
-        return Preference(order, by_row)
+        by_row[order] = confidence
+        return Ranking(order, by_row)
 
-    def _ordered(self, situation: Situation) -> tuple[Labels, Floats]:
-        """(5 l,) labels, best first, and the sureness of each."""
+    def _ordered(self, context: RankingContext) -> tuple[Labels, Floats]:
+        """(5 l,) labels, best first, and the confidence of each."""
         raise NotImplementedError
 
-    def _whole(self, part: str, situation: Situation) -> NDArray[np.float32]:
+    def _whole(self, part: str, context: RankingContext) -> NDArray[np.float32]:
         record = self._models[part].record
         return features.single(
-            situation.maps[record.resolution_m],
-            situation.box.dimensions_m,
+            context.local_maps[record.resolution_m],
+            context.box.dimensions_m,
             sampling(record.sampling),
             record.largest_edge_m,
         )
 
 
 class Single(Svm):
-    """One SVM for all options (2-3-2)."""
+    """One SVM for all candidates (2-3-2)."""
 
     parts = ("single",)
 
-    def _ordered(self, situation: Situation) -> tuple[Labels, Floats]:
+    def _ordered(self, context: RankingContext) -> tuple[Labels, Floats]:
         model = self._models["single"]
-        labels, shares = _asked(
-            model, self._whole("single", situation)[None], 5 * model.record.lines
-        )
+        labels, shares = _asked(model, self._whole("single", context)[None], 5 * model.record.lines)
         return labels[0], shares[0]
 
 
@@ -105,22 +103,22 @@ class Cascade(Svm):
 
     parts = ("face", "side", "top")
 
-    def _ordered(self, situation: Situation) -> tuple[Labels, Floats]:
-        faces, face_shares = _asked(self._models["face"], self._whole("face", situation)[None], 5)
-        asked = [self._lines(situation, [face for face in FACES if is_side(face) == side])
+    def _ordered(self, context: RankingContext) -> tuple[Labels, Floats]:
+        faces, face_shares = _asked(self._models["face"], self._whole("face", context)[None], 5)
+        asked = [self._lines(context, [face for face in FACES if is_side(face) == side])
                  for side in (True, False)]  # fmt: skip
         lines, line_shares = (np.concatenate(pair) for pair in zip(*asked, strict=True))
         after = np.append(face_shares[0, 1:], 0.0)
         room = face_shares[0] - after
-        sureness = after[:, None] + room[:, None] * line_shares[faces[0] - 1]
-        return cascaded(faces, lines[None])[0], sureness.ravel()
+        confidence = after[:, None] + room[:, None] * line_shares[faces[0] - 1]
+        return cascaded(faces, lines[None])[0], confidence.ravel()
 
-    def _lines(self, situation: Situation, faces: list[int]) -> tuple[Labels, Floats]:
+    def _lines(self, context: RankingContext, faces: list[int]) -> tuple[Labels, Floats]:
         """(faces, l) lines of side or of top faces, best first, and their shares."""
         model = self._models["side" if is_side(faces[0]) else "top"]
         record = model.record
-        points, local_map = sampling(record.sampling), situation.maps[record.resolution_m]
-        size = situation.box.dimensions_m
+        points, local_map = sampling(record.sampling), context.local_maps[record.resolution_m]
+        size = context.box.dimensions_m
         X = [features.line(local_map, size, points, face, record.largest_edge_m) for face in faces]
         return _asked(model, np.stack(X), record.lines)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from boxgrasp.study.plots.bars import category_shares, label_distribution
 from boxgrasp.study.plots.lines import curves, heat_map, score_functions
-from boxgrasp.study.plots.points import chooser_points, forest
+from boxgrasp.study.plots.points import forest, ranker_points
 from boxgrasp.study.plots.space import golden_spiral, samples_3d
 
 __all__ = [
     "category_shares",
-    "chooser_points",
+    "ranker_points",
     "curves",
     "forest",
     "golden_spiral",

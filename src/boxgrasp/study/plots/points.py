@@ -1,4 +1,4 @@
-"""Points with 95 % intervals, a line a name: the thesis's figures beside ours, and choosers."""
+"""Points with 95 % intervals, a line a name: the thesis's figures beside ours, and rankers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def forest(rows: Sequence[Row], what: str = "score") -> str:
         return svg(figure)
 
 
-def chooser_points(
+def ranker_points(
     names: Sequence[str],
     bare: Sequence[Estimate],
     checked: Sequence[Estimate],

@@ -21,7 +21,7 @@ from boxgrasp.simulate.noise import NoiseModel, axial_sigma
 from boxgrasp.study.report import Picture, Row, Section, Table
 from boxgrasp.study.sections.need import CASCADE
 from boxgrasp.study.study import Study
-from boxgrasp.teaching.train import EIGHT
+from boxgrasp.teaching.train import SVMS
 
 MOST_TARGETS = 4
 PICTURE_PX = 1100
@@ -85,10 +85,10 @@ def captures_section(study: Study, folder: Path) -> Section:
 def _selectors(study: Study) -> tuple[GraspSelector, GraspSelector]:
     """Cascade grid, bare and checked, with the study's models; a URL's are copied here first."""
     with tempfile.TemporaryDirectory() as folder:
-        for svm in EIGHT:
+        for svm in SVMS:
             name = f"{svm.name}.onnx"
             (Path(folder) / name).write_bytes(study.store.read(f"models/{name}"))
-        config = {"chooser": CASCADE, "models": folder}
+        config = {"ranker": CASCADE, "models": folder}
         return GraspSelector({**config, "unchecked": True}), GraspSelector(config)
 
 
@@ -140,7 +140,7 @@ def _decisions(
         for run in range(runs):
             try:
                 selection = selector.select(_again(capture, seed, run), target)
-                said["asks" if selection.label is None else f"option {selection.label}"] += 1
+                said["asks" if selection.label is None else f"candidate {selection.label}"] += 1
             except BoxgraspError:
                 said["no target found"] += 1
         item[kind] = "; ".join(f"{name} ({count})" for name, count in said.most_common())

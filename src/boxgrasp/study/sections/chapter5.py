@@ -9,12 +9,12 @@ import numpy as np
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.transforms import transform
-from boxgrasp.grasps.candidates import FACES, options_of
+from boxgrasp.grasps.candidates import FACES, candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.sampling import RADIUS_M, RESOLUTION_M, sampling
 from boxgrasp.simulate.primitives import Box, Cylinder
 from boxgrasp.simulate.scenes import TableScene, build_scene
-from boxgrasp.study.evaluation import VERSIONS, Board
+from boxgrasp.study.evaluation import VERSIONS, Evaluation
 from boxgrasp.study.intervals import Estimate, mean, share
 from boxgrasp.study.report import Row, Section, Table
 from boxgrasp.study.study import Study
@@ -26,10 +26,10 @@ _SMALL = ("green_cube", "cigarettes")
 
 def chapter5_section(study: Study) -> Section:
     """Section 5-2's explanations, each with a count."""
-    board = study.board("tested")
-    table = missed_table(board)
-    wide = [board.worth(version).too_wide for version in VERSIONS]
-    cereal = np.char.startswith(board.rows["target"], "cereal")
+    evaluation = study.evaluation("tested")
+    table = missed_table(evaluation)
+    wide = [evaluation.metrics(version).too_wide for version in VERSIONS]
+    cereal = np.char.startswith(evaluation.rows["target"], "cereal")
     rows = [
         *(
             Row(
@@ -47,10 +47,14 @@ def chapter5_section(study: Study) -> Section:
             )
             for version, w in zip(VERSIONS, wide, strict=True)
         ),
-        Row("options feasible in truth but occupied by 7 cm cells", None, lost_options(board)),
+        Row(
+            "candidates feasible in truth but occupied by 7 cm cells",
+            None,
+            lost_candidates(evaluation),
+        ),
     ]
     for version in ("single-grid", "cascade-grid"):
-        fallen, usual = fallbacks(study, board, version)
+        fallen, usual = fallbacks(study, evaluation, version)
         rows += [
             Row(f"{version}: unfeasible picks on the target's commonest face", None, fallen),
             Row(f"{version}: feasible picks on the target's commonest face", None, usual),
@@ -62,7 +66,7 @@ def chapter5_section(study: Study) -> Section:
         words=(
             "An obstacle is missed by a sampling where it reaches into the half sphere but no "
             "sample that reads occupied lies within half a cell's diagonal of it; a few stand in "
-            "another's shadow. Options are lost to coarse cells where their hand is clear by 2 cm "
+            "another's shadow. Candidates are lost to coarse cells where their hand is clear by 2 cm "
             "in truth and fits, but meets an occupied cell that does not touch the target's box.",
             "A version falls back on bias where its pick is unfeasible and lies on the face "
             "that the operator took most often for that target in training (known targets).",
@@ -72,16 +76,16 @@ def chapter5_section(study: Study) -> Section:
     )
 
 
-def missed_table(board: Board) -> Table:
+def missed_table(evaluation: Evaluation) -> Table:
     """By obstacle: how many reach into the half sphere, and how many each sampling misses."""
     counts: dict[str, np.ndarray] = {}
-    for k in range(board.rows.count):
-        scene = build_scene(json.loads(str(board.rows["scene"][k])))
-        box = box_of(board.rows["given_box"][k], board.rows["given_dimensions_m"][k])
+    for k in range(evaluation.rows.count):
+        scene = build_scene(json.loads(str(evaluation.rows["scene"][k])))
+        box = box_of(evaluation.rows["given_box"][k], evaluation.rows["given_dimensions_m"][k])
         T_base_map = box.T_base_map()
         hits = {}
         for name in ("spiral", "grid"):
-            occupied = board.rows[f"given_{name}"][k] == OCCUPIED
+            occupied = evaluation.rows[f"given_{name}"][k] == OCCUPIED
             hits[name] = transform(T_base_map, sampling(name)[occupied])
         center = T_base_map[:3, 3]
         for label in scene.obstacle_labels:
@@ -114,14 +118,14 @@ def missed_table(board: Board) -> Table:
     )
 
 
-def lost_options(board: Board) -> Estimate:
-    """Average share, a scene, of its feasible options whose hand meets an occupied 7 cm cell."""
-    rows, hand, size_m = board.rows, Gripper(), RESOLUTION_M["grid"]
+def lost_candidates(evaluation: Evaluation) -> Estimate:
+    """Average share, a scene, of its feasible candidates whose hand meets an occupied 7 cm cell."""
+    rows, hand, size_m = evaluation.rows, Gripper(), RESOLUTION_M["grid"]
     points = sampling("grid")
     shares = []
     for k in range(rows.count):
         box = box_of(rows["given_box"][k], rows["given_dimensions_m"][k])
-        options = options_of(box, hand)
+        candidates = candidates_of(box, hand)
         free = (rows["given_true_clearance_m"][k] >= 0.02) & rows["given_true_fits"][k]
         cells = points[rows["given_grid"][k] == OCCUPIED]
         # Cells that the target itself may fill speak of no obstacle.
@@ -130,14 +134,14 @@ def lost_options(board: Board) -> Estimate:
         cells = cells[(np.abs(cells - middle) > reach).any(axis=1)]
         if not free.any():
             continue
-        hands = hand_distance.uprights(options.T_base_gripper, hand.half_m)
+        hands = hand_distance.uprights(candidates.T_base_gripper, hand.half_m)
         sizes = np.full(len(cells), size_m)
         met = hand_distance.to_cells(hands, transform(box.T_base_map(), cells), sizes, box.yaw_rad)
         shares.append(float((met[free] <= 0.0).mean()))
     return mean(shares)
 
 
-def fallbacks(study: Study, board: Board, version: str) -> tuple[Estimate, Estimate]:
+def fallbacks(study: Study, evaluation: Evaluation, version: str) -> tuple[Estimate, Estimate]:
     """Share of picks on the target's commonest training face, unfeasible ones and feasible ones."""
     labels = study.rows("labels")
     face = (labels["label"] - 1) // 3
@@ -145,10 +149,10 @@ def fallbacks(study: Study, board: Board, version: str) -> tuple[Estimate, Estim
         str(name): int(np.bincount(face[labels["target"] == name], minlength=len(FACES)).argmax())
         for name in np.unique(labels["target"])
     }
-    known = board.known
-    usual = np.array([common.get(str(name), -1) for name in board.rows["target"]])
-    on_usual = board.picks(version) // 3 == usual
-    clear = board.worth(version).unobstructed
+    known = evaluation.known
+    usual = np.array([common.get(str(name), -1) for name in evaluation.rows["target"]])
+    on_usual = evaluation.picks(version) // 3 == usual
+    clear = evaluation.metrics(version).unobstructed
     bad, good = known & ~clear, known & clear
     return (
         share(int(on_usual[bad].sum()), int(bad.sum())),

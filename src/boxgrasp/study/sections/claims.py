@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from boxgrasp.study.evaluation import Board
+from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, difference, share
 from boxgrasp.study.report import Claim, Verdict
-from boxgrasp.study.sections.chapter5 import lost_options
+from boxgrasp.study.sections.chapter5 import lost_candidates
 from boxgrasp.study.sections.need import CASCADE, SINGLE
 from boxgrasp.study.sections.real import changed_running, changed_scenes
 from boxgrasp.study.study import Study
@@ -17,24 +17,24 @@ OTHER: Verdict = "different"
 
 def claims(study: Study) -> tuple[Claim, ...]:
     """Chapter 6 and the results that it rests on."""
-    board, real = study.board("tested"), study.board("real")
-    clear, safe = unobstructed(board), green(board)
+    evaluation, real = study.evaluation("tested"), study.evaluation("real")
+    clear, safe = unobstructed(evaluation), green(evaluation)
     once = real.take(real.rows["run"] == 0)  # the runs of a scene are no scenes of their own
     real_clear, real_safe = unobstructed(once), green(once)
-    novel = unobstructed(board.take(~board.known))
-    grid = difference(board.worth(CASCADE).score, board.worth("cascade-spiral").score)
-    single = difference(board.worth(SINGLE).score, board.worth("single-spiral").score)
-    need = study.board("need")
-    off_center = difference(need.worth(CASCADE).score, need.worth(SINGLE).score)
-    whole = difference(board.worth(CASCADE).score, board.worth(SINGLE).score)
+    novel = unobstructed(evaluation.take(~evaluation.known))
+    grid = difference(evaluation.metrics(CASCADE).score, evaluation.metrics("cascade-spiral").score)
+    single = difference(evaluation.metrics(SINGLE).score, evaluation.metrics("single-spiral").score)
+    need = study.evaluation("need")
+    off_center = difference(need.metrics(CASCADE).score, need.metrics(SINGLE).score)
+    whole = difference(evaluation.metrics(CASCADE).score, evaluation.metrics(SINGLE).score)
     runs = study.scale.runs
-    by_scene = real.worth(CASCADE).score.reshape(-1, runs).mean(axis=1)
-    noise = difference(by_scene, study.board("real-clean").worth(CASCADE).score)
+    by_scene = real.metrics(CASCADE).score.reshape(-1, runs).mean(axis=1)
+    noise = difference(by_scene, study.evaluation("real-clean").metrics(CASCADE).score)
     changing, scenes = len(changed_scenes(real, runs)), real.rows.count // runs
-    steady = len(changed_scenes(study.board("real-fused"), runs))
+    steady = len(changed_scenes(study.evaluation("real-fused"), runs))
     running = {noise: changed_running(study, noise)[0] for noise in ("xtion", "strong")}
     labels = study.rows("labels").count
-    lost, lost_noisy = lost_options(board), lost_options(once)
+    lost, lost_noisy = lost_candidates(evaluation), lost_candidates(once)
     return (
         Claim(
             "A few hundred labels suffice, 10 to 10,000 times fewer than the learnt planners "
@@ -88,7 +88,7 @@ def claims(study: Study) -> tuple[Claim, ...]:
             "A coarse map hides some unobstructed grasps.",
             "chapter 6, sixth; figure 5-8",
             YES if above(lost, 0.0) and above(lost_noisy, 0.0) else NO,
-            f"Of the options that are feasible in truth, 7 cm cells show {percent(lost)} as "
+            f"Of the candidates that are feasible in truth, 7 cm cells show {percent(lost)} as "
             f"occupied in simulation and {percent(lost_noisy)} under strong noise.",
         ),
         Claim(
@@ -98,7 +98,7 @@ def claims(study: Study) -> tuple[Claim, ...]:
             f"With a map that runs on as the thesis's did: {running['strong']} of {scenes} under "
             f"strong noise, {running['xtion']} under an Xtion's. With a map begun anew for each "
             f"decision: {changing} with one frame, {steady} with ten. One stray point fills a "
-            "cell, and a cell or two decide between options that are nearly as good.",
+            "cell, and a cell or two decide between candidates that are nearly as good.",
         ),
     )  # fmt: skip
 
@@ -110,15 +110,15 @@ def by_size(grid: Estimate, single: Estimate) -> Verdict:
     return OTHER if above(grid, 0.0) and above(single, 0.0) else NO
 
 
-def unobstructed(board: Board) -> Estimate:
+def unobstructed(evaluation: Evaluation) -> Estimate:
     """Share of cascade grid's bare picks clear by 2 cm of the visible cloud."""
-    clear = board.worth(CASCADE).unobstructed
+    clear = evaluation.metrics(CASCADE).unobstructed
     return share(int(clear.sum()), len(clear))
 
 
-def green(board: Board) -> Estimate:
+def green(evaluation: Evaluation) -> Estimate:
     """Share of green picks of cascade grid."""
-    counts = board.categories(CASCADE)
+    counts = evaluation.categories(CASCADE)
     return share(counts[2], sum(counts))
 
 

@@ -13,9 +13,9 @@ from boxgrasp.execution import finish
 from boxgrasp.ranking.features import DIMENSIONS
 from boxgrasp.ranking.sampling import RESOLUTION_M, grid
 from boxgrasp.study.curves import CELLS_M, PART_ROWS, dense_part, dense_predictions, fit, read_dense
-from boxgrasp.study.evaluation import Board
+from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, mean, share
-from boxgrasp.study.metrics import worth
+from boxgrasp.study.metrics import metrics_of
 from boxgrasp.study.plots import curves
 from boxgrasp.study.report import Picture, Row, Section, Table
 from boxgrasp.study.sections.readings import KINDS, held, judged
@@ -36,8 +36,8 @@ def lines_section(study: Study) -> Section:
         labels, tested = study.rows(f"labels{tail}"), study.rows(f"tested{tail}")
         tested = tested.take(np.arange(tested.count) < study.scale.curve_tested)
         for kind in KINDS:
-            brain = fit(labels, kind, "grid", held(study, "grid"), lines)
-            score, agree = judged(tested, brain)
+            model_set = fit(labels, kind, "grid", held(study, "grid"), lines)
+            score, agree = judged(tested, model_set)
             lines_rows.append(Row(f"score, {kind}-grid, l = {lines}", None, score))
             table.append((lines, f"{kind}-grid", score, agree))
     return Section(
@@ -50,7 +50,7 @@ def lines_section(study: Study) -> Section:
         ),
         rows=tuple(lines_rows),
         tables=(
-            Table("Score and agreement", ("l", "version", "score", "same option"), tuple(table)),
+            Table("Score and agreement", ("l", "version", "score", "same candidate"), tuple(table)),
         ),
         pictures=(_picture("lines", "lines a face", LINES, table, log=False),),
     )
@@ -58,31 +58,31 @@ def lines_section(study: Study) -> Section:
 
 def network_section(study: Study) -> Section:
     """A small neural network in place of the SVM: table 2-1 in figures."""
-    labels, board = study.rows("labels"), study.board("tested")
+    labels, evaluation = study.rows("labels"), study.evaluation("tested")
     rows = []
     for kind in KINDS:
         version = f"{kind}-grid"
-        theirs = board.worth(version)
-        agree = board.picks(version) == board.picks("operator")
+        theirs = evaluation.metrics(version)
+        agree = evaluation.picks(version) == evaluation.picks("operator")
         rows += [
             Row(f"score, {version}, SVM", None, mean(theirs.score)),
             Row(
-                f"same option as the operator, {version}, SVM",
+                f"same candidate as the operator, {version}, SVM",
                 None,
                 share(int(agree.sum()), len(agree)),
             ),
         ]
         picks = []
         for seed in range(NETWORKS):
-            brain = fit(labels, kind, "grid", held(study, "grid"), network=seed)
-            own = Board(board.rows, {"network": brain})
+            model_set = fit(labels, kind, "grid", held(study, "grid"), network=seed)
+            own = Evaluation(evaluation.rows, {"network": model_set})
             picks.append(own.picks("network"))
             if seed == 0:
-                same = picks[0] == board.picks("operator")
+                same = picks[0] == evaluation.picks("operator")
                 rows += [
-                    Row(f"score, {version}, network", None, mean(own.worth("network").score)),
+                    Row(f"score, {version}, network", None, mean(own.metrics("network").score)),
                     Row(
-                        f"same option as the operator, {version}, network",
+                        f"same candidate as the operator, {version}, network",
                         None,
                         share(int(same.sum()), len(same)),
                     ),
@@ -130,7 +130,7 @@ def mirror_section(study: Study) -> Section:
             )
             rows += [
                 Row(f"score, {kind}-grid, {name}", None, score),
-                Row(f"same option as the operator, {kind}-grid, {name}", None, agree),
+                Row(f"same candidate as the operator, {kind}-grid, {name}", None, agree),
             ]
     return Section(
         key="mirror",
@@ -171,7 +171,7 @@ def curves_section(study: Study) -> Section:
                 )
                 study.store.write(name, json.dumps(said.tolist()).encode())
             picks = np.array(json.loads(study.store.read(name))) - 1
-            score = mean(worth(tested, "given", picks).score)
+            score = mean(metrics_of(tested, "given", picks).score)
             same = picks == tested["label"] - 1
             agree = share(int(same.sum()), len(same))
             table.append((f"{100 * size:.0f} cm", count, X_count(size), score, agree))
@@ -197,7 +197,7 @@ def curves_section(study: Study) -> Section:
         tables=(
             Table(
                 "Score and agreement",
-                ("cells", "labels", "features", "score", "same option as the operator"),
+                ("cells", "labels", "features", "score", "same candidate as the operator"),
                 tuple(table),
             ),
         ),
@@ -211,7 +211,7 @@ def curves_section(study: Study) -> Section:
             Picture(
                 "curve-agreement",
                 "Agreement with the operator over the number of labels, by cell size.",
-                svg=curves(counts, agreement, "labels", "same option", log_x=True),
+                svg=curves(counts, agreement, "labels", "same candidate", log_x=True),
                 alt="Curves of agreement",
             ),
         ),

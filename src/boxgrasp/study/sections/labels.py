@@ -14,11 +14,11 @@ from boxgrasp.study.study import Study
 
 def labels_section(study: Study) -> Section:
     """The training set's labels by category, face and line, beside what the text keeps of them."""
-    board = study.board("labels")
-    rows, found = board.rows, board.worth("operator")
+    evaluation = study.evaluation("labels")
+    rows, found = evaluation.rows, evaluation.metrics("operator")
     label = rows["label"]
     face, line = (label - 1) // 3 + 1, (label - 1) % 3 + 1
-    counts = board.categories("operator")
+    counts = evaluation.categories("operator")
     upright = rows["target"] == "cereal_y"
     on_box = np.bincount(face[upright], minlength=6)[1:]
     by_face = np.bincount(face, minlength=6)[1:]
@@ -45,7 +45,11 @@ def labels_section(study: Study) -> Section:
                 FACES[TOP_PERPENDICULAR - 1],
                 FACES[int(np.argmax(on_box))],
             ),
-            Row("faces wider than the opening chosen", 0, int((width > Gripper().opening_m).sum())),
+            Row(
+                "faces wider than the opening chosen",
+                0,
+                int((width > Gripper().max_opening_m).sum()),
+            ),
         ),
         tables=(
             Table(

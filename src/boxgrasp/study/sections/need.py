@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from boxgrasp.study.evaluation import Board
+from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import difference, mean, share
 from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Picture, Row, Section
@@ -20,29 +20,29 @@ POOLED = {SINGLE: 0.27, CASCADE: 0.61}
 
 def need_section(study: Study) -> Section:
     """Table 4-2 on scenes found by search, and our stricter set."""
-    board, strict = study.board("need"), study.board("central")
+    evaluation, strict = study.evaluation("need"), study.evaluation("central")
     rows = []
     for name, theirs in TABLE_4_2.items():
-        score = board.worth(name).score
+        score = evaluation.metrics(name).score
         rows += [
-            Row(f"score, {name}, {group}", value, mean(score[group_of(board, group)]))
+            Row(f"score, {name}, {group}", value, mean(score[group_of(evaluation, group)]))
             for group, value in zip(GROUPS, theirs, strict=True)
         ]
-    red = ~board.worth(CASCADE).unobstructed
-    count = board.rows.count
+    red = ~evaluation.metrics(CASCADE).unobstructed
+    count = evaluation.rows.count
     rows += [
         Row(
             f"score, {CASCADE} less {SINGLE}",
             0.28,
-            difference(board.worth(CASCADE).score, board.worth(SINGLE).score),
+            difference(evaluation.metrics(CASCADE).score, evaluation.metrics(SINGLE).score),
         ),
         Row(f"unfeasible picks of {CASCADE}", 0.0, share(int(red.sum()), count)),
-        Row("score, clearance, checked", None, mean(_answered(board, "clearance"))),
-        Row(f"score, {CASCADE}, checked", None, mean(_answered(board, CASCADE))),
+        Row("score, clearance, checked", None, mean(_answered(evaluation, "clearance"))),
+        Row(f"score, {CASCADE}, checked", None, mean(_answered(evaluation, CASCADE))),
     ]
     for name in (SINGLE, CASCADE, "operator"):
         rows.append(
-            Row(f"score, {name}, no central line feasible", None, mean(strict.worth(name).score))
+            Row(f"score, {name}, no central line feasible", None, mean(strict.metrics(name).score))
         )
     rows.append(
         Row(
@@ -58,17 +58,17 @@ def need_section(study: Study) -> Section:
         title="Scenes that need a line off the center",
         place="section 4-2; figures 4-5 and 4-6, table 4-2",
         words=(
-            "By the thesis's words: one face alone has feasible options (to exact surfaces, with a "
+            "By the thesis's words: one face alone has feasible candidates (to exact surfaces, with a "
             "target that fits), and the best of them is not on its central line. "
             f"{count} scenes were found by search among scenes with four obstacles; the thesis met "
-            "16. Apart from it a stricter set: options are valid, but none on a central line.",
+            "16. Apart from it a stricter set: candidates are valid, but none on a central line.",
         ),
         rows=tuple(rows),
         pictures=(
             Picture(
                 "figure-4-6",
                 f"Categories in {count} scenes that need a line off the center (figure 4-6).",
-                svg=category_shares((SINGLE, CASCADE), _both(board)),
+                svg=category_shares((SINGLE, CASCADE), _both(evaluation)),
                 alt="Shares of red, yellow and green picks of single and cascade grid",
             ),
         ),
@@ -77,10 +77,10 @@ def need_section(study: Study) -> Section:
 
 def pooled_section(study: Study) -> Section:
     """Table 4-3: simulation and the stand-in for the real world together."""
-    board, real = study.board("need"), study.board("ad-hoc")
+    evaluation, real = study.evaluation("need"), study.evaluation("ad-hoc")
     rows = []
     for name in (SINGLE, CASCADE):
-        simulated, ours = board.worth(name).score, real.worth(name).score
+        simulated, ours = evaluation.metrics(name).score, real.metrics(name).score
         rows += [
             Row(f"score, {name}, simulation", TABLE_4_2[name][2], mean(simulated)),
             Row(f"score, {name}, stand-in for real", REAL[name], mean(_by_scene(real, ours))),
@@ -91,7 +91,7 @@ def pooled_section(study: Study) -> Section:
             ),
         ]
     once = real.rows["run"] == 0
-    counts = tuple(_add(board.categories(n), real.categories(n, once)) for n in TABLE_4_2)
+    counts = tuple(_add(evaluation.categories(n), real.categories(n, once)) for n in TABLE_4_2)
     return Section(
         key="pooled",
         title="Out-of-bias need, pooled",
@@ -119,20 +119,20 @@ def pooled_section(study: Study) -> Section:
     )
 
 
-def _answered(board: Board, name: str) -> np.ndarray:
-    worth = board.worth(name, check=True)
-    return worth.score[worth.answered]
+def _answered(evaluation: Evaluation, name: str) -> np.ndarray:
+    metrics = evaluation.metrics(name, check=True)
+    return metrics.score[metrics.answered]
 
 
-def _by_scene(board: Board, values: np.ndarray) -> np.ndarray:
+def _by_scene(evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
     """Averages of each scenario's runs."""
-    numbers = board.rows["number"]
+    numbers = evaluation.rows["number"]
     return np.array([values[numbers == number].mean() for number in np.unique(numbers)])
 
 
-def _both(board: Board) -> tuple[tuple[int, int, int], ...]:
+def _both(evaluation: Evaluation) -> tuple[tuple[int, int, int], ...]:
     """Categories of single and cascade grid."""
-    return board.categories(SINGLE), board.categories(CASCADE)
+    return evaluation.categories(SINGLE), evaluation.categories(CASCADE)
 
 
 def _add(a: tuple[int, int, int], b: tuple[int, int, int]) -> tuple[int, int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from boxgrasp.execution import finish
 from boxgrasp.grasps.candidates import FACES
-from boxgrasp.study.evaluation import Board, order
+from boxgrasp.study.evaluation import Evaluation, order
 from boxgrasp.study.intervals import difference, mean, share
 from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Picture, Row, Section, Table
@@ -32,36 +32,39 @@ _PART = 3
 
 def real_section(study: Study) -> Section:
     """Scores under strong noise and without, and how often the decision changes."""
-    board, clean = study.board("real"), study.board("real-clean")
+    evaluation, clean = study.evaluation("real"), study.evaluation("real-clean")
     runs = study.scale.runs
-    score = board.worth(CASCADE).score
+    score = evaluation.metrics(CASCADE).score
     by_scene = score.reshape(-1, runs).mean(axis=1)
-    simulated = study.board("tested").worth(CASCADE).score
+    simulated = study.evaluation("tested").metrics(CASCADE).score
     rows = [
         Row("score, 42 scenes, strong noise", 0.86, mean(by_scene)),
-        Row("score, the same scenes without noise", None, mean(clean.worth(CASCADE).score)),
+        Row("score, the same scenes without noise", None, mean(clean.metrics(CASCADE).score)),
         Row("score, simulation tests", 0.84, mean(simulated)),
         Row(
             "score, noisy less clean, same scenes",
             0.02,
-            difference(by_scene, clean.worth(CASCADE).score),
+            difference(by_scene, clean.metrics(CASCADE).score),
             "the thesis compares different scenes",
         ),
         Row(
             "unobstructed, all runs",
             "more than 0.90",
-            share(int(board.worth(CASCADE).unobstructed[::runs].sum()), board.rows.count // runs),
+            share(
+                int(evaluation.metrics(CASCADE).unobstructed[::runs].sum()),
+                evaluation.rows.count // runs,
+            ),
             "of each scene the first run",
         ),
     ]
     tables = []
     for name, words in VARIANTS.items():
-        own = study.board(name)
-        for sight, who in (("given", "given"), ("found", "found by the package")):
-            if f"{sight}_passes" not in own.rows:
+        own = study.evaluation(name)
+        for target_source, who in (("given", "given"), ("found", "found by the package")):
+            if f"{target_source}_passes" not in own.rows:
                 continue
-            changing = changed_scenes(own, runs, sight)
-            theirs = "2 of 42" if (name, sight) == ("real", "given") else None
+            changing = changed_scenes(own, runs, target_source)
+            theirs = "2 of 42" if (name, target_source) == ("real", "given") else None
             rows.append(
                 Row(
                     f"scenes whose decision changes: {words}, target {who}",
@@ -69,7 +72,7 @@ def real_section(study: Study) -> Section:
                     f"{len(changing)} of {own.rows.count // runs}",
                 )
             )
-            if sight == "given":
+            if target_source == "given":
                 tables.append(
                     Table(
                         f"Decisions that change: {words}",
@@ -83,7 +86,7 @@ def real_section(study: Study) -> Section:
             Row(f"scenes whose decision changes: {words}", "2 of 42", f"{unsteady} of {count}")
         )
     if study.scale.full:
-        once = study.board("real-once").worth(CASCADE)
+        once = study.evaluation("real-once").metrics(CASCADE)
         rows += [
             Row(f"score, {len(once.score)} scenes once, strong noise", 0.86, mean(once.score)),
             Row(
@@ -112,7 +115,10 @@ def real_section(study: Study) -> Section:
                 "Cascade grid in the simulation tests and in the stand-in for real ones (4-10).",
                 svg=category_shares(
                     ("simulation", "stand-in for real"),
-                    (study.board("tested").categories(CASCADE), board.categories(CASCADE)),
+                    (
+                        study.evaluation("tested").categories(CASCADE),
+                        evaluation.categories(CASCADE),
+                    ),
                 ),
                 alt="Shares of red, yellow and green picks",
             ),
@@ -120,9 +126,9 @@ def real_section(study: Study) -> Section:
     )
 
 
-def changed_scenes(board: Board, runs: int, sight: str = "given") -> list[int]:
+def changed_scenes(evaluation: Evaluation, runs: int, target_source: str = "given") -> list[int]:
     """Which scenarios get more than one decision of cascade grid over their runs."""
-    picks = board.picks(CASCADE, sight).reshape(-1, runs)
+    picks = evaluation.picks(CASCADE, target_source).reshape(-1, runs)
     return [int(k) for k in np.flatnonzero((picks != picks[:, :1]).any(axis=1))]
 
 
@@ -137,15 +143,15 @@ def changed_running(study: Study, noise: str) -> tuple[int, int]:
     }
     finish(study.store, tasks, running_part, study.workers, f"running map, {noise}")
     rows = read_running([study.store.read(name) for name in tasks])
-    picks = order(study.brains[CASCADE], rows, "given")[:, 0].reshape(count, -1)
+    picks = order(study.model_sets[CASCADE], rows, "given")[:, 0].reshape(count, -1)
     return int((picks != picks[:, :1]).any(axis=1).sum()), count
 
 
-def why(board: Board, runs: int, scene: int) -> tuple[int, str, str, int, str]:
+def why(evaluation: Evaluation, runs: int, scene: int) -> tuple[int, str, str, int, str]:
     """One changing scene: what was decided how often, and what differed."""
     which = slice(scene * runs, (scene + 1) * runs)
-    rows = board.rows
-    picks = board.picks(CASCADE)[which]
+    rows = evaluation.rows
+    picks = evaluation.picks(CASCADE)[which]
     common, _ = Counter(picks.tolist()).most_common(1)[0]
     odd = picks != common
     cells = rows["given_grid"][which]

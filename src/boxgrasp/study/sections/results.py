@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 
 from boxgrasp.arrays import Array
-from boxgrasp.study.evaluation import VERSIONS, Board
+from boxgrasp.study.evaluation import VERSIONS, Evaluation
 from boxgrasp.study.intervals import Estimate, difference, mean, share
-from boxgrasp.study.metrics import SHAPES, worth
+from boxgrasp.study.metrics import SHAPES, metrics_of
 from boxgrasp.study.plots import category_shares, forest, score_functions
 from boxgrasp.study.report import Cell, Picture, Row, Section, Table
 from boxgrasp.study.study import Study
@@ -28,34 +28,38 @@ DIFFERENT = {"spiral": (4 / 60, 5 / 60, 0.08), "grid": (10 / 60, 4 / 60, 0.12)}
 
 def results_section(study: Study, count: int | None = None) -> Section:
     """Table 4-1 on the first `count` test scenarios, or on all."""
-    board = study.board("tested")
+    evaluation = study.evaluation("tested")
     if count is not None:
-        board = board.take(np.arange(board.rows.count) < count)
-    size = board.rows.count
+        evaluation = evaluation.take(np.arange(evaluation.rows.count) < count)
+    size = evaluation.rows.count
     rows = []
     for version in VERSIONS:
-        score = board.worth(version).score
+        score = evaluation.metrics(version).score
         for group, theirs in zip(GROUPS, TABLE_4_1[version], strict=True):
-            which = group_of(board, group)
+            which = group_of(evaluation, group)
             rows.append(Row(f"score, {version}, {group}", theirs, mean(score[which])))
     for version in VERSIONS:
-        clear = board.worth(version).unobstructed
+        clear = evaluation.metrics(version).unobstructed
         bar = "more than 0.90" if version == "cascade-grid" else None
         rows.append(Row(f"unobstructed, {version}", bar, share(int(clear.sum()), size)))
     rows += [
         Row(f"score, {a} less {b}", round(TABLE_4_1[a][2] - TABLE_4_1[b][2], 2), gap)
-        for a, b, gap in orders(board)
+        for a, b, gap in orders(evaluation)
     ]
     rows.append(
-        Row("score of the operator on the same scenes", None, mean(board.worth("operator").score))
+        Row(
+            "score of the operator on the same scenes",
+            None,
+            mean(evaluation.metrics("operator").score),
+        )
     )
-    agree = {v: (board.picks(v) == board.picks("operator")) for v in VERSIONS}
+    agree = {v: (evaluation.picks(v) == evaluation.picks("operator")) for v in VERSIONS}
     rows += [
-        Row(f"same option as the operator, {v}", None, share(int(a.sum()), size))
+        Row(f"same candidate as the operator, {v}", None, share(int(a.sum()), size))
         for v, a in agree.items()
     ]
     rows += [
-        Row(f"score by exact surfaces, {v}", None, mean(board.worth(v).exact_score))
+        Row(f"score by exact surfaces, {v}", None, mean(evaluation.metrics(v).exact_score))
         for v in VERSIONS
     ]
     return Section(
@@ -72,7 +76,7 @@ def results_section(study: Study, count: int | None = None) -> Section:
                 Picture(
                     f"figure-{number}-{group}-{size}",
                     f"Categories by version, {group} objects (figure {number}).",
-                    svg=_categories(board, group),
+                    svg=_categories(evaluation, group),
                     alt=f"Shares of red, yellow and green picks, {group} objects",
                 )
                 for number, group in (("4-3", "total"), ("4-4a", "known"), ("4-4b", "novel"))
@@ -93,7 +97,7 @@ def results_section(study: Study, count: int | None = None) -> Section:
     )
 
 
-def orders(board: Board) -> list[tuple[str, str, Estimate]]:
+def orders(evaluation: Evaluation) -> list[tuple[str, str, Estimate]]:
     """The order of table 4-1 as paired differences of scores."""
     pairs = (
         ("single-grid", "single-spiral"),
@@ -101,30 +105,33 @@ def orders(board: Board) -> list[tuple[str, str, Estimate]]:
         ("cascade-spiral", "single-spiral"),
         ("cascade-grid", "single-grid"),
     )
-    return [(a, b, difference(board.worth(a).score, board.worth(b).score)) for a, b in pairs]
+    return [
+        (a, b, difference(evaluation.metrics(a).score, evaluation.metrics(b).score))
+        for a, b in pairs
+    ]
 
 
-def group_of(board: Board, group: str) -> Array:
+def group_of(evaluation: Evaluation, group: str) -> Array:
     """(N,) bool, the rows of a group of targets."""
-    everything = np.ones(board.rows.count, dtype=bool)
-    return {"known": board.known, "novel": ~board.known, "total": everything}[group]
+    everything = np.ones(evaluation.rows.count, dtype=bool)
+    return {"known": evaluation.known, "novel": ~evaluation.known, "total": everything}[group]
 
 
-def _categories(board: Board, group: str) -> str:
-    which = group_of(board, group)
+def _categories(evaluation: Evaluation, group: str) -> str:
+    which = group_of(evaluation, group)
     names = (*VERSIONS, "operator")
-    counts = tuple(board.categories(name, which) for name in names)
+    counts = tuple(evaluation.categories(name, which) for name in names)
     return category_shares(names, counts)
 
 
 def agreement_section(study: Study) -> Section:
     """How often single and cascade decide alike."""
-    board = study.board("tested")
+    evaluation = study.evaluation("tested")
     rows = []
     for name, theirs in DIFFERENT.items():
-        apart = board.picks(f"single-{name}") != board.picks(f"cascade-{name}")
+        apart = evaluation.picks(f"single-{name}") != evaluation.picks(f"cascade-{name}")
         for group, value in zip(GROUPS, theirs, strict=True):
-            which = group_of(board, group)
+            which = group_of(evaluation, group)
             rows.append(
                 Row(
                     f"single and cascade {name} differ, {group}",
@@ -136,20 +143,25 @@ def agreement_section(study: Study) -> Section:
         key="agreement",
         title="Where single and cascade differ",
         place="section 4-2",
-        words=("Share of scenarios in which the two take different options, in face or in line.",),
+        words=(
+            "Share of scenarios in which the two take different candidates, in face or in line.",
+        ),
         rows=tuple(rows),
     )
 
 
 def scores_section(study: Study) -> Section:
     """Other scores: does the order of the versions change?"""
-    board = study.board("tested")
+    evaluation = study.evaluation("tested")
     table: list[tuple[Cell, ...]] = []
     same = 0
     first: list[str] = []
     ties = []
     for shape in SHAPES:
-        scores = {v: worth(board.rows, "given", board.picks(v), shape).score for v in VERSIONS}
+        scores = {
+            v: metrics_of(evaluation.rows, "given", evaluation.picks(v), shape).score
+            for v in VERSIONS
+        }
         means = {v: mean(scores[v]) for v in VERSIONS}
         order = sorted(VERSIONS, key=lambda v: -float(scores[v].mean()))
         first = first or order

@@ -7,7 +7,7 @@ import numpy as np
 from boxgrasp.study.plots import heat_map
 from boxgrasp.study.report import Picture, Row, Section, Table
 from boxgrasp.study.study import Study
-from boxgrasp.teaching.train import EIGHT
+from boxgrasp.teaching.train import SVMS
 
 # C, gamma, support vectors and training examples of appendix B-1, by the figure's numbers.
 B1 = {
@@ -25,7 +25,7 @@ B1 = {
 def training_section(study: Study) -> Section:
     """Parameters, support vectors and accuracies, theirs and ours, and the heat maps."""
     lines, pictures, rows = [], [], []
-    for svm in EIGHT:
+    for svm in SVMS:
         kept = study.trained[svm.name]
         record, found = kept["record"], kept["search"]
         C, gamma, vectors, count = B1[svm.number]
@@ -53,8 +53,8 @@ def training_section(study: Study) -> Section:
                 round(record["support_vectors"] / record["training_examples"], 3),
             )
         )
-    accuracies = [study.trained[svm.name]["record"]["accuracy"] for svm in EIGHT]
-    others = [study.trained[svm.name]["one_vs_rest"] for svm in EIGHT]
+    accuracies = [study.trained[svm.name]["record"]["accuracy"] for svm in SVMS]
+    others = [study.trained[svm.name]["one_vs_rest"] for svm in SVMS]
     return Section(
         key="training",
         title="The eight SVMs",

@@ -1,4 +1,4 @@
-"""The SVM choosers against a second, plainer reading of the thesis, and the baselines."""
+"""The SVM rankers against a second, plainer reading of the thesis, and the baselines."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from boxgrasp import GraspSelector
 from boxgrasp.errors import ConfigError, ModelError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
-from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.features import line, single
-from boxgrasp.ranking.ranker import NAMES, Setup, Situation, chooser_named
+from boxgrasp.ranking.ranker import NAMES, RankerSetup, RankingContext, ranker_named
 from boxgrasp.ranking.sampling import sampling
 
 SEEDS = range(4)
@@ -34,18 +34,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_models(tmp_path_factory.mktemp("models"))
 
 
-def situation(seed: int, lines: int = 3) -> Situation:
-    selector = GraspSelector({"options": {"lines": lines}})
-    return selector.sight(seen(drawn(seed), seed), cells_m=CELLS_M).situation
+def situation(seed: int, lines: int = 3) -> RankingContext:
+    selector = GraspSelector({"candidates": {"lines": lines}})
+    return selector.sight(seen(drawn(seed), seed), cells_m=CELLS_M).context
 
 
-def a_box(x: float, y: float, z: float, at: float = 0.8, lines: int = 3) -> Situation:
+def a_box(x: float, y: float, z: float, at: float = 0.8, lines: int = 3) -> RankingContext:
     box = Box(make_transform(np.eye(3), (at, 0, z / 2)), np.array([x, y, z]))
-    return Situation(box, options_of(box, Gripper(), lines), None, {})  # type: ignore[arg-type]
+    return RankingContext(box, candidates_of(box, Gripper(), lines), None, {})  # type: ignore[arg-type]
 
 
-def expected_order(version: str, s: Situation) -> list[int]:
-    """Labels by scikit-learn itself, option by option (thesis 2-3-2, 2-3-3)."""
+def expected_order(version: str, s: RankingContext) -> list[int]:
+    """Labels by scikit-learn itself, candidate by candidate (thesis 2-3-2, 2-3-3)."""
     name = version.split("-")[1]
     local_map, points, size = s.maps[0.03 if name == "spiral" else 0.07], sampling(name), s.box
 
@@ -76,14 +76,14 @@ def expected_order(version: str, s: Situation) -> list[int]:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_order_is_the_thesis(version: str, seed: int, folder: Path) -> None:
     s = situation(seed)
-    found = chooser_named(version, Setup(str(folder))).prefer(s)
+    found = ranker_named(version, RankerSetup(str(folder))).rank(s)
     assert (found.order + 1).tolist() == expected_order(version, s)
 
 
 def test_versions_and_scenes_differ(folder: Path) -> None:
-    """The test above would hold for a chooser that looks at nothing, were all orders the same."""
+    """The test above would hold for a ranker that looks at nothing, were all orders the same."""
     orders = {
-        tuple(chooser_named(version, Setup(str(folder))).prefer(situation(seed)).order.tolist())
+        tuple(ranker_named(version, RankerSetup(str(folder))).rank(situation(seed)).order.tolist())
         for version in VERSIONS
         for seed in SEEDS
     }
@@ -92,34 +92,34 @@ def test_versions_and_scenes_differ(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_every_option_once_and_sureness_never_rises(name: str, seed: int, folder: Path) -> None:
+def test_every_candidate_once_and_sureness_never_rises(name: str, seed: int, folder: Path) -> None:
     s = situation(seed)
-    found = chooser_named(name, Setup(str(folder))).prefer(s)
+    found = ranker_named(name, RankerSetup(str(folder))).rank(s)
     assert sorted(found.order.tolist()) == list(range(15))
-    along = found.sureness[found.order]
+    along = found.confidence[found.order]
     assert along.shape == (15,) and (along >= 0).all() and (along <= 1).all()
-    assert (np.diff(along) <= 0).all() and found.sureness.sum() > 0
-    again = chooser_named(name, Setup(str(folder))).prefer(s)
+    assert (np.diff(along) <= 0).all() and found.confidence.sum() > 0
+    again = ranker_named(name, RankerSetup(str(folder))).rank(s)
     np.testing.assert_array_equal(found.order, again.order)
-    np.testing.assert_array_equal(found.sureness, again.sureness)
+    np.testing.assert_array_equal(found.confidence, again.confidence)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_maps_of_the_right_cells_are_read(version: str, folder: Path) -> None:
-    chooser = chooser_named(version, Setup(str(folder)))
-    assert chooser.resolutions_m == ((0.03,) if version.endswith("spiral") else (0.07,))
-    assert chooser.notes == ()
+    ranker = ranker_named(version, RankerSetup(str(folder)))
+    assert ranker.resolutions_m == ((0.03,) if version.endswith("spiral") else (0.07,))
+    assert ranker.notes == ()
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_selecting_with_models(version: str, folder: Path) -> None:
     view = seen(drawn(1), 1)
-    config = {"chooser": version, "models": str(folder)}
+    config = {"ranker": version, "models": str(folder)}
     found = GraspSelector(config).select(view)
-    assert found.chooser == version
-    order = sorted(found.options, key=lambda option: option.preference)
-    assert [option.label for option in order] == expected_order(version, situation(1))
-    passing = [option.label for option in order if option.rejected is None]
+    assert found.ranker == version
+    order = sorted(found.candidates, key=lambda candidate: candidate.ranking)
+    assert [candidate.label for candidate in order] == expected_order(version, situation(1))
+    passing = [candidate.label for candidate in order if candidate.rejected is None]
     assert found.label == (passing[0] if passing else None)
     bare = GraspSelector({**config, "unchecked": True}).select(view)
     assert bare.label == order[0].label
@@ -127,27 +127,27 @@ def test_selecting_with_models(version: str, folder: Path) -> None:
 
 def test_another_number_of_lines(tmp_path: Path, folder: Path) -> None:
     with pytest.raises(ConfigError) as error:
-        GraspSelector({"chooser": "cascade-grid", "models": str(folder), "options": {"lines": 5}})
+        GraspSelector({"ranker": "cascade-grid", "models": str(folder), "candidates": {"lines": 5}})
     text = str(error.value)
-    assert "options.lines is 5" in text and "trained for 3" in text and "\n" not in text
+    assert "candidates.lines is 5" in text and "trained for 3" in text and "\n" not in text
     models = write_models(tmp_path, lines=5)
     for version in VERSIONS:
-        found = chooser_named(version, Setup(str(models), lines=5)).prefer(situation(0, 5))
+        found = ranker_named(version, RankerSetup(str(models), lines=5)).rank(situation(0, 5))
         assert sorted(found.order.tolist()) == list(range(25))
 
 
 @pytest.mark.parametrize("version", ["single-grid", "cascade-spiral"])
 def test_another_hand_is_said(version: str, folder: Path) -> None:
-    gripper = Gripper(opening_m=0.1, length_m=0.2)
-    (note,) = chooser_named(version, Setup(str(folder), gripper)).notes
-    assert "opening_m 0.12, now 0.1" in note and "length_m 0.22, now 0.2" in note
+    gripper = Gripper(max_opening_m=0.1, length_m=0.2)
+    (note,) = ranker_named(version, RankerSetup(str(folder), gripper)).notes
+    assert "max_opening_m 0.12, now 0.1" in note and "length_m 0.22, now 0.2" in note
     assert "width" not in note and "\n" not in note
-    config = {"chooser": version, "models": str(folder), "gripper": {"opening_m": 0.1}}
+    config = {"ranker": version, "models": str(folder), "gripper": {"max_opening_m": 0.1}}
     assert any(
         "another hand" in said for said in GraspSelector(config).select(seen(drawn(0))).warnings
     )
     tool = dataclasses.replace(Gripper(), T_gripper_tcp=tuple(map(tuple, np.eye(4).tolist())))
-    assert chooser_named(version, Setup(str(folder), tool)).notes == ()
+    assert ranker_named(version, RankerSetup(str(folder), tool)).notes == ()
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -158,17 +158,17 @@ def test_a_missing_file(version: str, tmp_path: Path, folder: Path) -> None:
         name = version if part == "single" else f"{version}-{part}"
         (models / f"{name}.onnx").unlink()
         with pytest.raises(ModelError) as error:
-            chooser_named(version, Setup(str(models)))
+            ranker_named(version, RankerSetup(str(models)))
         text = str(error.value)
         assert f"{name}.onnx" in text and str(models) in text and "boxgrasp train" in text
     with pytest.raises(ModelError):
-        chooser_named(version, Setup(str(tmp_path / "nowhere")))
+        ranker_named(version, RankerSetup(str(tmp_path / "nowhere")))
 
 
 def test_a_file_under_another_name(tmp_path: Path, folder: Path) -> None:
     shutil.copy(folder / "single-spiral.onnx", tmp_path / "single-grid.onnx")
     with pytest.raises(ModelError, match="holds single-spiral; valid: single-grid"):
-        chooser_named("single-grid", Setup(str(tmp_path)))
+        ranker_named("single-grid", RankerSetup(str(tmp_path)))
 
 
 def test_other_features_are_refused(tmp_path: Path) -> None:
@@ -180,46 +180,46 @@ def test_other_features_are_refused(tmp_path: Path) -> None:
     lying = dataclasses.replace(record, version="single-grid", sampling="grid")
     (tmp_path / "single-grid.onnx").write_bytes(to_onnx(svc, lying))
     with pytest.raises(ModelError) as error:
-        chooser_named("single-grid", Setup(str(tmp_path)))
+        ranker_named("single-grid", RankerSetup(str(tmp_path)))
     text = str(error.value)
     assert "single-grid.onnx: " in text and "first difference: feature 0" in text
     assert text.count(" of schema ") == 2 and "\n" not in text
     lying = dataclasses.replace(lying, sampling="cube")
     (tmp_path / "single-grid.onnx").write_bytes(to_onnx(svc, lying))
     with pytest.raises(ModelError, match="sampling is 'cube'"):
-        chooser_named("single-grid", Setup(str(tmp_path)))
+        ranker_named("single-grid", RankerSetup(str(tmp_path)))
 
 
 def test_top_down_by_example() -> None:
     """Parallel closes over y, perpendicular over x; the narrower first, then the other."""
-    chooser = chooser_named("top-down")
+    ranker = ranker_named("top-down")
     rest = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 13, 15]
-    assert (chooser.prefer(a_box(0.2, 0.05, 0.1)).order + 1).tolist() == [11, 14, *rest]
-    assert (chooser.prefer(a_box(0.05, 0.2, 0.1)).order + 1).tolist() == [14, 11, *rest]
-    assert (chooser.prefer(a_box(0.06, 0.06, 0.06)).order + 1).tolist() == [11, 14, *rest]
-    assert (chooser.prefer(a_box(0.2, 0.05, 0.1, lines=1)).order + 1).tolist() == [4, 5, 1, 2, 3]
-    assert (chooser.prefer(a_box(0.2, 0.05, 0.1, lines=4)).order[:2] + 1).tolist() == [14, 18]
+    assert (ranker.rank(a_box(0.2, 0.05, 0.1)).order + 1).tolist() == [11, 14, *rest]
+    assert (ranker.rank(a_box(0.05, 0.2, 0.1)).order + 1).tolist() == [14, 11, *rest]
+    assert (ranker.rank(a_box(0.06, 0.06, 0.06)).order + 1).tolist() == [11, 14, *rest]
+    assert (ranker.rank(a_box(0.2, 0.05, 0.1, lines=1)).order + 1).tolist() == [4, 5, 1, 2, 3]
+    assert (ranker.rank(a_box(0.2, 0.05, 0.1, lines=4)).order[:2] + 1).tolist() == [14, 18]
 
 
 def test_top_down_in_a_scene() -> None:
-    found = GraspSelector({"chooser": "top-down"}).select(seen(laid(item("green_cube", 0.85, 0.0))))
+    found = GraspSelector({"ranker": "top-down"}).select(seen(laid(item("green_cube", 0.85, 0.0))))
     assert found.label in (11, 14)
 
 
 def test_random_is_even_over_scenes() -> None:
-    chooser = chooser_named("random")
+    ranker = ranker_named("random")
     orders = np.array(
-        [chooser.prefer(a_box(0.05, 0.06, 0.07, at=0.6 + k * 1e-3)).order for k in range(600)]
+        [ranker.rank(a_box(0.05, 0.06, 0.07, at=0.6 + k * 1e-3)).order for k in range(600)]
     )
     firsts = np.bincount(orders[:, 0], minlength=15)
     assert firsts.min() > 15 and firsts.max() < 75  # 40 expected, five standard deviations
-    near = [chooser.prefer(a_box(0.05, 0.06, 0.07, at=at)).order for at in (0.8, 0.8 + 1e-7)]
+    near = [ranker.rank(a_box(0.05, 0.06, 0.07, at=at)).order for at in (0.8, 0.8 + 1e-7)]
     np.testing.assert_array_equal(*near)
 
 
 def test_an_unknown_name() -> None:
-    with pytest.raises(ConfigError, match="unknown chooser: oracle; valid: clearance, single-"):
-        chooser_named("oracle")
+    with pytest.raises(ConfigError, match="unknown ranker: oracle; valid: clearance, single-"):
+        ranker_named("oracle")
 
 
 def test_onnxruntime_is_asked_for_by_name_and_only_when_needed(folder: Path) -> None:
@@ -229,9 +229,9 @@ def test_onnxruntime_is_asked_for_by_name_and_only_when_needed(folder: Path) -> 
     from boxgrasp.errors import MissingExtraError
     from boxgrasp.simulate import demo_capture
     for name in ("clearance", "top-down", "random"):
-        GraspSelector({{"chooser": name}}).select(demo_capture())
+        GraspSelector({{"ranker": name}}).select(demo_capture())
     try:
-        GraspSelector({{"chooser": "cascade-grid", "models": {str(folder)!r}}})
+        GraspSelector({{"ranker": "cascade-grid", "models": {str(folder)!r}}})
     except MissingExtraError as error:
         print(error)
     """

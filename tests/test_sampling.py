@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.transforms import rotation_z
-from boxgrasp.mapping.local_map import OccupancyConfig
+from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.ranking.sampling import (
     FRONT,
@@ -69,7 +69,7 @@ def test_samples_fill_the_half_sphere_once_and_are_read_only(points: np.ndarray)
 
 @pytest.mark.parametrize("name", ["grid", "dense"])
 def test_each_grid_sample_is_the_center_of_its_own_cell(name: str) -> None:
-    local = build_local_map([], np.eye(4), OccupancyConfig(resolution_m=RESOLUTION_M[name]))
+    local = build_local_map([], np.eye(4), MappingConfig(resolution_m=RESOLUTION_M[name]))
     points = sampling(name)
     cells, inside = local.keys(points)
     assert inside.all()
@@ -81,7 +81,7 @@ def test_each_grid_sample_is_the_center_of_its_own_cell(name: str) -> None:
 @given(s=st.floats(0.01, 0.095))
 def test_grids_of_any_spacing_are_cell_centers(s: float) -> None:
     # From 9.6 cm on, the layer at z = 0 would hold the support plane too, and is left out.
-    config = OccupancyConfig(resolution_m=s)
+    config = MappingConfig(resolution_m=s)
     local = build_local_map([], np.eye(4), config)
     cells, inside = local.keys(grid(s))
     assert inside.all()

@@ -14,7 +14,7 @@ from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.perception.scene import SceneConfig, find_scene
 from boxgrasp.perception.target import find_target
-from boxgrasp.simulate import TableScene, option_truth
+from boxgrasp.simulate import TableScene, candidate_truth
 
 SEEDS = range(10)
 HALF = np.array([0.11, 0.085, 0.035])
@@ -28,7 +28,7 @@ def answer(seed: int, noise: bool = False) -> tuple[TableScene, Capture, Selecti
 
 
 def poses(found: Selection) -> np.ndarray:
-    return np.array([option.T_base_gripper for option in found.options])
+    return np.array([candidate.T_base_gripper for candidate in found.candidates])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -39,10 +39,12 @@ def test_seen_is_the_distance_to_the_nearest_point_that_is_not_the_targets(
     _, capture, found = answer(seed, noise)
     scene = find_scene(capture, (), SceneConfig())
     others = scene.points[find_target(scene, capture, None).others].astype(np.float64)
-    for option in found.options:
-        local = transform(invert(option.T_base_gripper), others)
+    for candidate in found.candidates:
+        local = transform(invert(candidate.T_base_gripper), others)
         away = np.linalg.norm(np.maximum(np.abs(local) - HALF, 0), axis=1)
-        assert option.seen_m == pytest.approx(min(away.min(initial=0.5), 0.5), abs=1e-5)
+        assert candidate.visible_clearance_m == pytest.approx(
+            min(away.min(initial=0.5), 0.5), abs=1e-5
+        )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -51,56 +53,64 @@ def test_numbers_against_exact_surfaces(seed: int) -> None:
     scene, capture, _ = answer(seed)
     own = Target(mask=scene.view().labels == scene.target_label)  # segmentation is not in question
     found = GraspSelector().select(capture, own)
-    truth = option_truth(scene, poses(found))
-    for k, option in enumerate(found.options):
+    truth = candidate_truth(scene, poses(found))
+    for k, candidate in enumerate(found.candidates):
         # Surfaces hidden from the view may be nearer, seen ones are not farther.
-        assert option.seen_m >= truth.clearance_m[k] - 0.003
-        assert option.support_m == pytest.approx(min(truth.support_m[k], 0.5), abs=0.003)
-        assert option.unseen_m <= option.seen_m + 1e-9
+        assert candidate.visible_clearance_m >= truth.clearance_m[k] - 0.003
+        assert candidate.plane_clearance_m == pytest.approx(
+            min(truth.plane_clearance_m[k], 0.5), abs=0.003
+        )
+        assert candidate.unseen_distance_m <= candidate.visible_clearance_m + 1e-9
 
 
 def test_numbers_of_a_lone_neighbor_are_the_true_ones() -> None:
     """A box wall that faces the camera and the gripper: distances within a voxel."""
     scene = laid(item("beans_can", 0.95, 0.0), item("green_cube", 0.83, 0.0))
     found = GraspSelector().select(seen(scene))
-    truth = option_truth(scene, poses(found))
-    near = [k for k, o in enumerate(found.options) if o.face >= 4]
+    truth = candidate_truth(scene, poses(found))
+    near = [k for k, o in enumerate(found.candidates) if o.face >= 4]
     for k in near:
-        assert found.options[k].seen_m == pytest.approx(truth.clearance_m[k], abs=0.004)
+        assert found.candidates[k].visible_clearance_m == pytest.approx(
+            truth.clearance_m[k], abs=0.004
+        )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("noise", [False, True])
 def test_reasons_follow_the_numbers(seed: int, noise: bool) -> None:
-    for option in answer(seed, noise)[2].options:
-        told = option.rejected or ""
-        assert option.rejected is None or told.strip()
+    for candidate in answer(seed, noise)[2].candidates:
+        told = candidate.rejected or ""
+        assert candidate.rejected is None or told.strip()
         assert "\n" not in told
-        assert ("support plane" in told) == (option.support_m < 0.003)
-        assert ("needs 2.3 cm" in told) == (option.seen_m < 0.023)
-        assert ("approach:" in told) == (option.approach_m < 0.005)
-        wide = option.width_m > 0.12 - 0.003
+        assert ("support plane" in told) == (candidate.plane_clearance_m < 0.003)
+        assert ("needs 2.3 cm" in told) == (candidate.visible_clearance_m < 0.023)
+        assert ("approach:" in told) == (candidate.approach_clearance_m < 0.005)
+        wide = candidate.width_m > 0.12 - 0.003
         assert ("wide, opening 12.0 cm" in told) == wide
-        assert option.fits == (not wide and "width unknown" not in told)
-        if option.rejected is None:
-            assert option.fits and option.seen_m >= 0.023
-            assert option.support_m >= 0.003 and option.approach_m >= 0.005
+        assert candidate.fits == (not wide and "width unknown" not in told)
+        if candidate.rejected is None:
+            assert candidate.fits and candidate.visible_clearance_m >= 0.023
+            assert candidate.plane_clearance_m >= 0.003 and candidate.approach_clearance_m >= 0.005
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_widths_are_the_boxs(seed: int) -> None:
     found = answer(seed)[2]
     x, y, _ = found.box.dimensions_m
-    for option in found.options:
-        assert option.width_m == (x if option.face in (1, 3, 5) else y)
+    for candidate in found.candidates:
+        assert candidate.width_m == (x if candidate.face in (1, 3, 5) else y)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_distances_are_finite_and_capped(seed: int) -> None:
-    for option in answer(seed)[2].options:
-        for value in (option.seen_m, option.unseen_m, option.approach_m):
+    for candidate in answer(seed)[2].candidates:
+        for value in (
+            candidate.visible_clearance_m,
+            candidate.unseen_distance_m,
+            candidate.approach_clearance_m,
+        ):
             assert 0.0 <= value <= 0.5
-        assert -0.5 <= option.support_m <= 0.5
+        assert -0.5 <= candidate.plane_clearance_m <= 0.5
 
 
 def test_share_of_unseen_space_does_not_hang_on_rounding() -> None:
@@ -119,22 +129,22 @@ def test_share_of_unseen_space_does_not_hang_on_rounding() -> None:
 
 def test_a_wide_target_asks_and_says_so() -> None:
     """A cereal box seen end on is 20 cm across and 15 cm deep: no way round it."""
-    found = GraspSelector({"gripper": {"opening_m": 0.03}}).select(
+    found = GraspSelector({"gripper": {"max_opening_m": 0.03}}).select(
         seen(laid(item("green_cube", 0.85, 0.0)), 0)
     )
     assert found.status == "ask"
-    assert all("wide, opening 3.0 cm" in (o.rejected or "") for o in found.options)
+    assert all("wide, opening 3.0 cm" in (o.rejected or "") for o in found.candidates)
     assert "wide" in str(found.blocking)
 
 
 def test_a_gripper_at_the_table_is_refused_there() -> None:
     """A 2 cm pack: from the side the 7 cm thick hand would lie in the table."""
     found = GraspSelector().select(seen(laid(item("cigarettes", 0.85, 0.0)), 0))
-    for option in found.options:
-        if option.face <= 3:
-            assert option.support_m < 0 and "support plane" in str(option.rejected)
+    for candidate in found.candidates:
+        if candidate.face <= 3:
+            assert candidate.plane_clearance_m < 0 and "support plane" in str(candidate.rejected)
         else:
-            assert option.support_m == pytest.approx(0.02 - 0.01, abs=0.004)
+            assert candidate.plane_clearance_m == pytest.approx(0.02 - 0.01, abs=0.004)
     assert found.face in (4, 5)
 
 
@@ -142,12 +152,12 @@ def test_a_cube_before_a_tube_blocks_its_foot_alone() -> None:
     """The hand from the front would sit in the cube low down, and pass over it at the top."""
     scene = laid(item("crisps_tube", 0.95, 0.0), item("green_cube", 0.84, 0.0))
     found = GraspSelector().select(seen(scene, 0))
-    foot, top = found.option(4), found.option(6)
-    assert foot.seen_m == 0.0 and foot.approach_m == 0.0
+    foot, top = found.candidate(4), found.candidate(6)
+    assert foot.visible_clearance_m == 0.0 and foot.approach_clearance_m == 0.0
     assert "object 1 0.0 cm" in str(foot.rejected) and "approach" in str(foot.rejected)
-    truth = option_truth(scene, poses(found))
-    assert top.seen_m == pytest.approx(truth.clearance_m[5], abs=0.004)
-    assert top.seen_m > 0.05 and top.approach_m > 0.05
+    truth = candidate_truth(scene, poses(found))
+    assert top.visible_clearance_m == pytest.approx(truth.clearance_m[5], abs=0.004)
+    assert top.visible_clearance_m > 0.05 and top.approach_clearance_m > 0.05
     assert found.label != 4
 
 
@@ -155,31 +165,31 @@ def test_a_floating_lamp_blocks_the_way_down_and_is_named() -> None:
     scene = laid(item("green_cube", 0.85, 0.0), item("lamp_wide", 0.85, 0.02, 0.0, 0.30))
     capture = seen(scene, 0)
     found = GraspSelector().select(capture)
-    truth = option_truth(scene, poses(found))
-    top = [k for k, o in enumerate(found.options) if o.face >= 4]
-    assert (truth.approach_m[top] == 0).all()
+    truth = candidate_truth(scene, poses(found))
+    top = [k for k, o in enumerate(found.candidates) if o.face >= 4]
+    assert (truth.approach_clearance_m[top] == 0).all()
     for k in top:
-        assert found.options[k].rejected is not None
-        assert found.options[k].approach_m <= 0.02
+        assert found.candidates[k].rejected is not None
+        assert found.candidates[k].approach_clearance_m <= 0.02
     assert TABLE_M < 1.0
 
 
 def test_thresholds_are_the_configured_ones() -> None:
     capture = answer(3, True)[1]
-    strict = GraspSelector({"check": {"clearance_m": 0.2}}).select(capture)
-    loose = GraspSelector({"check": {"clearance_m": 0.0, "noise_m": 0.0}}).select(capture)
-    assert sum(o.rejected is None for o in strict.options) <= sum(
-        o.rejected is None for o in loose.options
+    strict = GraspSelector({"checks": {"clearance_m": 0.2}}).select(capture)
+    loose = GraspSelector({"checks": {"clearance_m": 0.0, "noise_m": 0.0}}).select(capture)
+    assert sum(o.rejected is None for o in strict.candidates) <= sum(
+        o.rejected is None for o in loose.candidates
     )
-    for a, b in zip(strict.options, loose.options, strict=True):
-        assert a.seen_m == b.seen_m
-        assert ("needs 20.3 cm" in str(a.rejected)) == (a.seen_m < 0.203)
-        assert "needs 0.0 cm" not in str(b.rejected) or b.seen_m == 0
+    for a, b in zip(strict.candidates, loose.candidates, strict=True):
+        assert a.visible_clearance_m == b.visible_clearance_m
+        assert ("needs 20.3 cm" in str(a.rejected)) == (a.visible_clearance_m < 0.203)
+        assert "needs 0.0 cm" not in str(b.rejected) or b.visible_clearance_m == 0
 
 
 def test_fingers_that_cannot_open_past_the_margin_are_refused() -> None:
-    selector = GraspSelector({"gripper": {"opening_m": 0.01}, "check": {"width_m": 0.02}})
-    with pytest.raises(GripperError, match="opening_m") as caught:
+    selector = GraspSelector({"gripper": {"max_opening_m": 0.01}, "checks": {"width_m": 0.02}})
+    with pytest.raises(GripperError, match="max_opening_m") as caught:
         selector.select(answer(0)[1])
     assert "\n" not in str(caught.value)
 
@@ -197,7 +207,7 @@ def test_a_target_cut_by_the_border_warns() -> None:
     found = GraspSelector().select(cut)
     assert any("border" in warning for warning in found.warnings)
     assert any("lower bound" in warning for warning in found.warnings)
-    across_y = [o for o in found.options if o.face in (2, 4)]
+    across_y = [o for o in found.candidates if o.face in (2, 4)]
     assert not any(o.fits for o in across_y)
     assert all("width unknown" in str(o.rejected) for o in across_y if o.width_m < 0.117)
     whole = GraspSelector().select(seen(scene))
@@ -211,4 +221,4 @@ def test_a_hidden_edge_is_a_lower_bound() -> None:
     truth = 0.20
     if found.box.dimensions_m[1] < truth - 0.01:
         assert any("lower bound" in warning for warning in found.warnings)
-        assert not any(o.fits for o in found.options if o.face in (2, 4))
+        assert not any(o.fits for o in found.candidates if o.face in (2, 4))

@@ -20,7 +20,7 @@ from boxgrasp.mapping.local_map import (
     OCCUPIED,
     UNSEEN,
     LocalMap,
-    OccupancyConfig,
+    MappingConfig,
     local_map_of,
     log_odds,
 )
@@ -39,11 +39,11 @@ def by_octomap(
     scans: Sequence[tuple[np.ndarray, Any]],
     lowest: np.ndarray,
     shape: tuple[int, int, int],
-    config: OccupancyConfig,
+    config: MappingConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     tree = octomap.OcTree(config.resolution_m)
-    tree.setProbHit(config.hit)
-    tree.setProbMiss(config.miss)
+    tree.setProbHit(config.prob_hit)
+    tree.setProbMiss(config.prob_miss)
     tree.setClampingThresMin(config.clamp_min)
     tree.setClampingThresMax(config.clamp_max)
     for points, origin in scans:
@@ -65,7 +65,7 @@ def by_octomap(
 
 
 def assert_equals_octomap(
-    scans: Scans, lowest: Any, shape: tuple[int, int, int], config: OccupancyConfig
+    scans: Scans, lowest: Any, shape: tuple[int, int, int], config: MappingConfig
 ) -> None:
     low = np.asarray(lowest)
     expected, expected_known = by_octomap(scans, low, shape, config)
@@ -136,7 +136,7 @@ def test_every_kind_of_ray_equals_octomap(kind: str) -> None:
         miss: float,
     ) -> None:
         r = np.random.default_rng(seed)
-        config = OccupancyConfig(resolution_m=s, miss=miss)
+        config = MappingConfig(resolution_m=s, prob_miss=miss)
         assert_equals_octomap([scan(kind, r, s) for _ in range(count)], lowest, shape, config)
 
     check()
@@ -154,7 +154,7 @@ def test_rays_that_end_on_corners_of_tiny_grids_equal_octomap(
     points = (r.integers(-2, 3, (few, 3)) * q).astype(np.float32)
     origin = (r.integers(-60, 61, 3) * q).astype(np.float32)
     shape = (int(r.integers(1, 4)), int(r.integers(1, 4)), int(r.integers(1, 4)))
-    config = OccupancyConfig(resolution_m=s)
+    config = MappingConfig(resolution_m=s)
     assert_equals_octomap([(points, origin)], r.integers(-3, 2, 3), shape, config)
 
 
@@ -170,7 +170,7 @@ def test_ties_that_only_accumulated_rounding_decides_equal_octomap(seed: int, s:
     towards = np.argmin(np.abs(points).max(axis=1))
     lowest = np.floor(points[towards] / s).astype(int) - 4
     assert_equals_octomap(
-        [(points, origin.astype(np.float32))], lowest, (8, 8, 8), OccupancyConfig(resolution_m=s)
+        [(points, origin.astype(np.float32))], lowest, (8, 8, 8), MappingConfig(resolution_m=s)
     )
 
 
@@ -194,8 +194,8 @@ def test_mixed_scans_and_any_sensor_model_equal_octomap(
     clamp_max: float,
 ) -> None:
     r = np.random.default_rng(seed)
-    config = OccupancyConfig(
-        resolution_m=s, hit=hit, miss=miss, clamp_min=clamp_min, clamp_max=clamp_max
+    config = MappingConfig(
+        resolution_m=s, prob_hit=hit, prob_miss=miss, clamp_min=clamp_min, clamp_max=clamp_max
     )
     shape = (int(r.integers(1, 12)), int(r.integers(1, 12)), int(r.integers(1, 12)))
     scans = [scan(kind, r, s) for kind in kinds]
@@ -211,7 +211,7 @@ def test_whole_local_map_of_a_camera_view_equals_octomap(resolution: float) -> N
     ends = eye + towards * table[:, None]
     block = (np.abs(ends[:, 0]) < 0.3) & (np.abs(ends[:, 1]) < 0.1)
     ends[block] = (eye + towards * 0.8 * table[:, None])[block]
-    config = OccupancyConfig(resolution_m=resolution)
+    config = MappingConfig(resolution_m=resolution)
     T = make_transform(rotation_z(0.4), np.array([0.02, -0.01, 0.013]))
     local = build_local_map([(ends.astype(np.float32), eye)], T, config)
     L = lattice_transform(T, resolution)
@@ -258,7 +258,7 @@ def test_points_outside_octomaps_cube_and_not_finite_are_left_out(
     good = np.array([[0.05, 0.0, 0.0], [0.02, 0.03, 0.01]], np.float32)
     far = np.array([[400.0, 0, 0], [0, -400.0, 0], [1e30, 0, 0]], np.float32)
     origin = np.array([-0.2, 0.0, 0.0], np.float32)
-    config = OccupancyConfig(resolution_m=s)
+    config = MappingConfig(resolution_m=s)
     low, shape = np.array([-10, -10, -10]), (20, 20, 20)
     expected = by_octomap([(np.concatenate([good, far]), origin)], low, shape, config)
     bad = np.array([[np.nan, 0, 0], [0, np.inf, 0], [-np.inf, 0, np.nan]], np.float32)
@@ -307,13 +307,13 @@ def test_no_scans_and_no_points_leave_all_unseen() -> None:
 
 
 def test_a_cell_seen_occupied_for_long_is_free_after_few_free_scans() -> None:
-    config = OccupancyConfig()
+    config = MappingConfig()
     here = np.array([[0.015, 0.015, 0.0]], np.float32)
     behind = np.array([[0.6, 0.015, 0.0]], np.float32)
     eye = np.array([-0.6, 0.015, 0.0])
     # Down from the upper clamp, in steps of a miss, to the 33 % rule: the same after any time.
     climb = log_odds(config.clamp_max) - log_odds(config.free_below)
-    bound = math.ceil(climb / -log_odds(config.miss))
+    bound = math.ceil(climb / -log_odds(config.prob_miss))
     assert bound == 5
     for times in (10, 1000):
         state = []
@@ -328,13 +328,13 @@ def test_one_free_view_is_free_by_default_and_not_with_octomaps_miss() -> None:
     behind = np.array([[0.6, 0.015, 0.0]], np.float32)
     eye = np.array([-0.6, 0.015, 0.0])
     for miss, value in ((0.3, 0.0), (0.4, 0.5)):
-        local = build_local_map([(behind, eye)], np.eye(4), OccupancyConfig(miss=miss))
+        local = build_local_map([(behind, eye)], np.eye(4), MappingConfig(prob_miss=miss))
         assert local.values_at([[0.015, 0.015, 0.0]])[0] == value
 
 
 @pytest.mark.parametrize("s", [0.01, 0.02, 0.03, 0.05, 0.07, 0.1])
 def test_lattice_lies_above_the_support_and_covers_the_extent(s: float) -> None:
-    config = OccupancyConfig(resolution_m=s)
+    config = MappingConfig(resolution_m=s)
     local = build_local_map([], np.eye(4), config)
     top = local.lowest + np.array(local.shape) * s
     assert -0.05 < local.lowest[2] <= -0.05 + s + 0.002
@@ -357,7 +357,7 @@ def test_table_points_stay_out_of_the_lowest_layer() -> None:
         local = build_local_map(
             [(table.astype(np.float32), np.array([-0.8, 0.0, 0.8]))],
             np.eye(4),
-            OccupancyConfig(resolution_m=s),
+            MappingConfig(resolution_m=s),
         )
         assert (local.state == OCCUPIED).sum() == 0
         assert (local.state[:, :, 0] == FREE).mean() > 0.8
@@ -421,7 +421,7 @@ def test_moving_the_scene_moves_the_map() -> None:
 
 
 def test_local_map_of_takes_the_thresholds_of_the_configuration() -> None:
-    config = OccupancyConfig(occupied_above=0.8, free_below=0.2)
+    config = MappingConfig(occupied_above=0.8, free_below=0.2)
     lowest, shape = config.lattice()
     values = np.full(shape, log_odds(0.7), np.float32)
     values[0] = log_odds(0.3)
@@ -448,4 +448,4 @@ def test_bad_transforms_and_endless_grids_are_refused() -> None:
     with pytest.raises(BoxgraspError, match="T_base_map"):
         build_local_map([], np.diag([1.0, 1.0, -1.0, 1.0]))
     with pytest.raises(ConfigError, match="cells; valid: at most"):
-        OccupancyConfig(resolution_m=0.005, half_width_m=2.0, height_m=2.0).lattice()
+        MappingConfig(resolution_m=0.005, half_width_m=2.0, height_m=2.0).lattice()

@@ -12,12 +12,12 @@ from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z
 from boxgrasp.grasps import scoring
-from boxgrasp.grasps.candidates import options_of
+from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.raycast import BOX
 from boxgrasp.perception.scene import SceneConfig, find_scene
 from boxgrasp.simulate import Box as SolidBox
-from boxgrasp.simulate import box_clearance, option_truth, true_options
+from boxgrasp.simulate import box_clearance, candidate_truth, true_candidates
 from boxgrasp.simulate.distance import boxes_to_solids, edge_to_solid
 
 HAND = Gripper()
@@ -26,9 +26,9 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def poses(rng: np.random.Generator) -> np.ndarray:
-    """(15, 4, 4) options of a random box, turned anyhow about z."""
+    """(15, 4, 4) candidates of a random box, turned anyhow about z."""
     T = make_transform(rotation_z(rng.uniform(-4, 4)), rng.uniform(-0.1, 0.1, 3))
-    return options_of(Box(T, rng.uniform(0.02, 0.25, 3)), HAND).T_base_gripper
+    return candidates_of(Box(T, rng.uniform(0.02, 0.25, 3)), HAND).T_base_gripper
 
 
 def naive_points(T_base_gripper: np.ndarray, half: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -173,13 +173,13 @@ def test_seen_points_are_never_nearer_than_the_true_surfaces(seed: int) -> None:
     """Exact view: distances to its points bound the exact ones, and meet them where all is seen."""
     scene = drawn(seed, (2, 4))
     found = find_scene(seen(scene), (), SceneConfig())
-    options = true_options(scene)
+    candidates = true_candidates(scene)
     T_own = scene.target[0].T_base_solid
     local = (found.points - T_own[:3, 3]) @ T_own[:3, :3]
     own = np.all(np.abs(local) < scene.target[0].half_size + 0.004, axis=1)
-    boxes = hand_distance.uprights(options.T_base_gripper, HAND.half_m)
+    boxes = hand_distance.uprights(candidates.T_base_gripper, HAND.half_m)
     measured, _ = hand_distance.to_points(boxes, np.ascontiguousarray(found.points[~own]))
-    truth = option_truth(scene, options.T_base_gripper).clearance_m
+    truth = candidate_truth(scene, candidates.T_base_gripper).clearance_m
     # 3 mm voxels draw a corner in by up to half their diagonal.
     assert (measured >= truth - 0.003).all()
     assert np.median(np.abs(measured - truth)) < 0.02
@@ -224,7 +224,7 @@ def test_score_of_section_3_4(clearance_m: float, best_m: float, expected: float
     assert scoring.score(clearance_m, best_m) == pytest.approx(expected, abs=1e-12)
 
 
-def test_thesis_score_looks_at_all_options_and_the_strict_one_at_the_valid() -> None:
+def test_thesis_score_looks_at_all_candidates_and_the_strict_one_at_the_valid() -> None:
     clearances = [0.083, 0.028, 0.05, 0.0]
     assert scoring.thesis_score(clearances, 0) == 1.0
     assert scoring.thesis_score(clearances, 1) == pytest.approx(0.04)

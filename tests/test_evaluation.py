@@ -19,13 +19,13 @@ from boxgrasp.grasps.scoring import score, strict_score, thesis_score
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.onnx.model import load_model, ranked
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.study.evaluation import CHOOSERS, VERSIONS, Board, brain_of
-from boxgrasp.study.metrics import SHAPES, THESIS, categories, worth
+from boxgrasp.study.evaluation import RANKERS, VERSIONS, Evaluation, model_set_of
+from boxgrasp.study.metrics import SHAPES, THESIS, categories, metrics_of
 from boxgrasp.teaching.matrices import largest_edge_m
 from boxgrasp.teaching.rows import RowConfig, scenario_of_row
 from boxgrasp.teaching.search import Grid, Search, train
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import EIGHT, examples, train_eight
+from boxgrasp.teaching.train import SVMS, examples, train_svms
 
 COUNT = 60
 TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]))
@@ -44,57 +44,57 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         make_set(store, "tested/", TESTED, workers, "")
         with pytest.MonkeyPatch.context() as patch:  # the search has tests of its own
             patch.setattr(training, "search", lambda X, y, seed: FOUND)
-            train_eight(store, "models/", read_set(store, "labels/"), workers)
+            train_svms(store, "models/", read_set(store, "labels/"), workers)
     return folder
 
 
 @pytest.fixture(scope="module")
-def board(place: Path) -> Board:
+def evaluation(place: Path) -> Evaluation:
     store = Store(place)
-    brains = {name: brain_of(name, store, "models/") for name in VERSIONS}
-    return Board(read_set(store, "tested/")[1], brains)
+    model_sets = {name: model_set_of(name, store, "models/") for name in VERSIONS}
+    return Evaluation(read_set(store, "tested/")[1], model_sets)
 
 
-@pytest.mark.parametrize("chooser", CHOOSERS)
-@pytest.mark.parametrize("sight", ["given", "found"])
+@pytest.mark.parametrize("ranker", RANKERS)
+@pytest.mark.parametrize("target_source", ["given", "found"])
 def test_a_row_s_pick_is_the_selector_s_answer(
-    chooser: str, sight: str, board: Board, place: Path
+    ranker: str, target_source: str, evaluation: Evaluation, place: Path
 ) -> None:
     for check in (False, True):
         config = {
-            "chooser": chooser,
+            "ranker": ranker,
             "unchecked": not check,
             "models": str(place / "models"),
-            "box": {"fit": "aligned" if sight == "given" else "yaw"},
+            "box": {"fit": "aligned" if target_source == "given" else "yaw"},
         }
         selector = GraspSelector(config)
-        picks = board.picks(chooser, sight, check)
+        picks = evaluation.picks(ranker, target_source, check)
         for k in range(0, TESTED.count, 5):
             scenario = scenario_of_row(TESTED.rows, k)
             capture, labels = scenario.capture("xtion")
             mask = Target(mask=labels == scenario.scene.target_label)
             try:
-                answer = selector.select(capture, mask if sight == "given" else None)
+                answer = selector.select(capture, mask if target_source == "given" else None)
             except BoxgraspError:
-                assert board.rows[f"{sight}_error"][k]
+                assert evaluation.rows[f"{target_source}_error"][k]
                 continue
             if check:
                 label = answer.label or 0
             else:  # what passes goes first in an unchecked answer only by preference
-                label = next(o.label for o in answer.options if o.preference == 1)
+                label = next(o.label for o in answer.candidates if o.preference == 1)
             assert picks[k] + 1 == label
 
 
-def test_every_order_holds_every_option_once(board: Board) -> None:
-    for chooser in CHOOSERS:
-        assert (np.sort(board.order(chooser)) == np.arange(15)).all()
+def test_every_order_holds_every_candidate_once(evaluation: Evaluation) -> None:
+    for ranker in RANKERS:
+        assert (np.sort(evaluation.order(ranker)) == np.arange(15)).all()
 
 
-def test_worth_is_the_scores_of_the_core(board: Board) -> None:
-    rows = board.rows
-    for name in CHOOSERS:
-        picks = board.picks(name)
-        found = worth(rows, "given", picks)
+def test_worth_is_the_scores_of_the_core(evaluation: Evaluation) -> None:
+    rows = evaluation.rows
+    for name in RANKERS:
+        picks = evaluation.picks(name)
+        found = metrics_of(rows, "given", picks)
         for k, pick in enumerate(picks.tolist()):
             assert found.score[k] == pytest.approx(thesis_score(rows["given_visible_m"][k], pick))
             own = rows["given_true_clearance_m"][k][pick]
@@ -105,20 +105,26 @@ def test_worth_is_the_scores_of_the_core(board: Board) -> None:
                 assert found.strict_score[k] == 0.0
 
 
-def test_strict_worth_equals_the_core_s_where_the_box_is_the_true_one(board: Board) -> None:
-    rows = dict(board.rows)
-    for name in ("clearance_m", "support_m", "approach_m", "fits"):
+def test_strict_worth_equals_the_core_s_where_the_box_is_the_true_one(
+    evaluation: Evaluation,
+) -> None:
+    rows = dict(evaluation.rows)
+    for name in ("clearance_m", "plane_clearance_m", "approach_clearance_m", "fits"):
         rows[f"given_true_{name}"] = rows[f"true_{name}"]
-    found = worth(rows, "given", board.picks("random"))
-    valid = rows["true_fits"] & (rows["true_support_m"] > 0) & (rows["true_approach_m"] > 0)
-    for k, pick in enumerate(board.picks("random").tolist()):
+    found = metrics_of(rows, "given", evaluation.picks("random"))
+    valid = (
+        rows["true_fits"]
+        & (rows["true_plane_clearance_m"] > 0)
+        & (rows["true_approach_clearance_m"] > 0)
+    )
+    for k, pick in enumerate(evaluation.picks("random").tolist()):
         expected = strict_score(rows["true_clearance_m"][k], valid[k], pick)
         assert found.strict_score[k] == pytest.approx(expected)
 
 
-def test_what_was_not_answered_has_no_score(board: Board) -> None:
-    picks = np.full(board.rows.count, -1)
-    found = worth(board.rows, "given", picks)
+def test_what_was_not_answered_has_no_score(evaluation: Evaluation) -> None:
+    picks = np.full(evaluation.rows.count, -1)
+    found = metrics_of(evaluation.rows, "given", picks)
     assert not found.answered.any()
     assert np.isnan(found.score).all()
     assert not (found.unobstructed | found.clear | found.good | found.into_table).any()
@@ -142,15 +148,15 @@ def test_categories_follow_the_scene_s_best() -> None:
     assert counts == (1, 1, 2)
 
 
-def test_the_operator_s_picks_are_the_labels(board: Board) -> None:
-    assert (board.picks("operator") + 1 == board.rows["label"]).all()
+def test_the_operator_s_picks_are_the_labels(evaluation: Evaluation) -> None:
+    assert (evaluation.picks("operator") + 1 == evaluation.rows["label"]).all()
 
 
 def test_examples_are_as_many_as_faces_say(place: Path) -> None:
     rows = read_set(Store(place), "labels/")[1]
     face = (rows["label"] - 1) // 3 + 1
     sizes = {"single": 187, "face": 187}
-    for svm in EIGHT:
+    for svm in SVMS:
         try:
             X, y = examples(rows, svm, 3, 0.23)
         except ConfigError:
@@ -164,17 +170,17 @@ def test_examples_are_as_many_as_faces_say(place: Path) -> None:
         assert X.max() <= 1.0
 
 
-def test_unlabeled_rows_cannot_teach(board: Board) -> None:
-    rows = Rows({**board.rows, "label": np.zeros(board.rows.count, dtype=np.int64)})
+def test_unlabeled_rows_cannot_teach(evaluation: Evaluation) -> None:
+    rows = Rows({**evaluation.rows, "label": np.zeros(evaluation.rows.count, dtype=np.int64)})
     with pytest.raises(ConfigError, match="without a label"):
-        examples(rows, EIGHT[0], 3, None)
+        examples(rows, SVMS[0], 3, None)
 
 
 def test_scikit_learn_the_file_and_the_first_preference_agree_on_every_scene(place: Path) -> None:
     store = Store(place)
     labels, tested = read_set(store, "labels/")[1], read_set(store, "tested/")[1]
     edge = largest_edge_m(labels)
-    for svm in EIGHT:
+    for svm in SVMS:
         model = load_model(store.read(f"models/{svm.name}.onnx"))
         X, y = examples(labels, svm, 3, edge)
         own = train(X, y, model.record.C, model.record.gamma)
@@ -191,4 +197,4 @@ def test_other_labels_are_not_taken_for_those_trained_on(place: Path) -> None:
     made, rows = read_set(store, "labels/")
     again = Rows({**rows, "label": rows["label"][::-1].copy()})
     with local_workers(1) as workers, pytest.raises(ConfigError, match="labels_sha256"):
-        train_eight(store, "models/", (made, again), workers)
+        train_svms(store, "models/", (made, again), workers)

@@ -20,7 +20,7 @@ pytest.importorskip("fsspec", reason="extra train")
 pytest.importorskip("threadpoolctl", reason="extra train")
 pytest.importorskip("distributed", reason="extra cluster")
 
-import work_tasks
+import execution_tasks
 from cluster import Cluster, cluster
 
 from boxgrasp.errors import MissingExtraError, StoreError, WorkError
@@ -30,14 +30,14 @@ progressing = importlib.import_module("boxgrasp.execution.progress")
 FINISH = """
 import sys
 sys.path.insert(0, {tests!r})
-import work_tasks
+import execution_tasks
 from boxgrasp.execution import Store, finish, local_workers
 if __name__ == "__main__":
     tasks = {{f"part/{{i:02}}": ({marks!r}, f"{{i:02}}") for i in range({count})}}
     try:
         with local_workers(2) as workers:
             print("go", flush=True)
-            finish(Store({place!r}), tasks, work_tasks.slow, workers, "")
+            finish(Store({place!r}), tasks, execution_tasks.slow, workers, "")
     except KeyboardInterrupt:
         sys.exit(130)
 """
@@ -186,23 +186,23 @@ def test_same_bytes_and_one_thread_everywhere(running: Cluster) -> None:
     results = []
     for workers in (local_workers(1), local_workers(2), cluster_workers(running.address)):
         with workers as opened:
-            assert by_index(opened, work_tasks.threads, [0] * 4) == [(1, 1)] * 4
-            results.append(by_index(opened, work_tasks.numeric, list(range(6))))
+            assert by_index(opened, execution_tasks.threads, [0] * 4) == [(1, 1)] * 4
+            results.append(by_index(opened, execution_tasks.numeric, list(range(6))))
     assert results[0] == results[1] == results[2]
     assert len(set(results[0])) == 6
     after = state()
     assert environment == after[1] and threads.items() <= after[0].items()
     if len(os.sched_getaffinity(0)) > 1:  # the limit is what did it, and it is gone
-        assert work_tasks.threads(0)[1] > 1
+        assert execution_tasks.threads(0)[1] > 1
 
 
 def test_tasks_run_in_two_other_processes(tmp_path: Path) -> None:
     tasks = [(str(tmp_path), f"{i}") for i in range(6)]
     with local_workers(2) as workers:
-        by_index(workers, work_tasks.slow, tasks)
-        first = {pid for _, pid in work_tasks.marks(tmp_path)}
-        by_index(workers, work_tasks.slow, tasks)
-    pids = {pid for _, pid in work_tasks.marks(tmp_path)}
+        by_index(workers, execution_tasks.slow, tasks)
+        first = {pid for _, pid in execution_tasks.marks(tmp_path)}
+        by_index(workers, execution_tasks.slow, tasks)
+    pids = {pid for _, pid in execution_tasks.marks(tmp_path)}
     assert len(pids) == 2 and first == pids and os.getpid() not in pids
     assert not any(map(alive, pids))
 
@@ -210,9 +210,9 @@ def test_tasks_run_in_two_other_processes(tmp_path: Path) -> None:
 def test_killed_worker_costs_no_result(tmp_path: Path) -> None:
     tasks = [(str(tmp_path), f"{i}") for i in range(4)]
     with local_workers(2) as workers:
-        results = by_index(workers, work_tasks.die_once, tasks)
+        results = by_index(workers, execution_tasks.die_once, tasks)
     assert results == [name.encode() for _, name in tasks]
-    assert Counter(name for name, _ in work_tasks.marks(tmp_path)) == {str(i): 2 for i in range(4)}
+    assert Counter(name for name, _ in execution_tasks.marks(tmp_path)) == {str(i): 2 for i in range(4)}
 
 
 def test_task_that_always_kills_its_worker_is_told() -> None:
@@ -220,7 +220,7 @@ def test_task_that_always_kills_its_worker_is_told() -> None:
         local_workers(2) as workers,
         pytest.raises(WorkError, match=r"^task 0 of 1 ended its worker process 3 times, .*SIGKILL"),
     ):
-        list(workers.run(work_tasks.die, [1]))
+        list(workers.run(execution_tasks.die, [1]))
 
 
 def test_script_without_a_guard_is_told(tmp_path: Path) -> None:
@@ -241,29 +241,29 @@ def test_task_exception_ends_the_run(kind: str, running: Cluster, tmp_path: Path
     address = running.address if kind == "dask" else None
     with workers_for({"one": 1, "two": 2}.get(kind), address) as workers:
         with pytest.raises(ValueError, match="^three"):
-            finish(Store(tmp_path), tasks, work_tasks.fail_at_three, workers, "")
+            finish(Store(tmp_path), tasks, execution_tasks.fail_at_three, workers, "")
         assert len(kept(tmp_path)) < 90  # later tasks were not run
         for name in kept(tmp_path):
             assert (tmp_path / name).read_bytes() == bytes([int(name)])
-        assert by_index(workers, work_tasks.fail_at_three, [7, 8]) == [b"\7", b"\10"]
+        assert by_index(workers, execution_tasks.fail_at_three, [7, 8]) == [b"\7", b"\10"]
 
 
 def test_exception_that_cannot_travel_is_told() -> None:
     with local_workers(2) as workers, pytest.raises(RuntimeError, match="OddError: odd 1 2"):
-        list(workers.run(work_tasks.fail_oddly, [1]))
+        list(workers.run(execution_tasks.fail_oddly, [1]))
 
 
 def test_run_given_up_leaves_nothing_to_the_next(tmp_path: Path) -> None:
     with local_workers(2) as workers:
-        given_up = workers.run(work_tasks.slow, [(str(tmp_path), f"{i}") for i in range(6)])
+        given_up = workers.run(execution_tasks.slow, [(str(tmp_path), f"{i}") for i in range(6)])
         next(given_up)
-        assert by_index(workers, work_tasks.fail_at_three, [1, 2]) == [b"\1", b"\2"]
+        assert by_index(workers, execution_tasks.fail_at_three, [1, 2]) == [b"\1", b"\2"]
 
 
 def test_no_tasks(running: Cluster) -> None:
     for workers in (local_workers(1), local_workers(2), cluster_workers(running.address)):
         with workers as opened:
-            assert list(opened.run(work_tasks.die, [])) == []
+            assert list(opened.run(execution_tasks.die, [])) == []
 
 
 def test_who_works_is_said_clearly() -> None:
@@ -312,16 +312,16 @@ def test_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
     process.communicate()
     before = kept(out)
     assert 4 <= len(before) < 14
-    wait_for(lambda: not any(alive(pid) for _, pid in work_tasks.marks(marks)), 10)
+    wait_for(lambda: not any(alive(pid) for _, pid in execution_tasks.marks(marks)), 10)
     tasks = {f"part/{i:02}": (str(marks), f"{i:02}") for i in range(14)}
     with local_workers(1) as workers:
-        finish(Store(out), tasks, work_tasks.slow, workers, "")
+        finish(Store(out), tasks, execution_tasks.slow, workers, "")
     assert kept(out) == sorted(tasks)
-    runs = Counter(name for name, _ in work_tasks.marks(marks))
+    runs = Counter(name for name, _ in execution_tasks.marks(marks))
     assert all(runs[name[5:]] == 1 for name in before)
     assert sum(runs.values()) <= 14 + 4  # two under way, two handed out before the write
     with local_workers(1) as workers:
-        expected = by_index(workers, work_tasks.slow, list(tasks.values()))
+        expected = by_index(workers, execution_tasks.slow, list(tasks.values()))
     assert [(out / name).read_bytes() for name in tasks] == expected
 
 
@@ -337,7 +337,7 @@ def test_interrupt_ends_at_once(after_s: float | None, tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     _, errors = process.communicate(timeout=10)
     assert (process.returncode, errors) == (130, "")
-    assert not any(alive(pid) for _, pid in work_tasks.marks(marks))
+    assert not any(alive(pid) for _, pid in execution_tasks.marks(marks))
     with pytest.raises(ProcessLookupError):  # nobody of its group is left
         wait_for(lambda: os.killpg(process.pid, 0), 5)
 
@@ -345,7 +345,7 @@ def test_interrupt_ends_at_once(after_s: float | None, tmp_path: Path) -> None:
 def test_finished_store_runs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Store(tmp_path).write("a", b"kept")
     with local_workers(1) as workers:
-        finish(Store(tmp_path), {"a": 3}, work_tasks.fail_at_three, workers, "some work")
+        finish(Store(tmp_path), {"a": 3}, execution_tasks.fail_at_three, workers, "some work")
     assert (tmp_path / "a").read_bytes() == b"kept"
     assert capsys.readouterr().err == ""
 
@@ -369,21 +369,21 @@ def test_killed_dask_worker_costs_no_result(
                 if len(kept(out)) == 4:
                     killed.append(running.kill_worker())
 
-        finish(Killing(out), tasks, work_tasks.slow, workers, "")
-        starts = work_tasks.marks(marks)
+        finish(Killing(out), tasks, execution_tasks.slow, workers, "")
+        starts = execution_tasks.marks(marks)
         held = {name for name, pid in starts if pid == killed[0]}
         again = {name for name, pid in starts if pid != killed[0]}
         assert held & again  # it was killed with a task under way
         with local_workers(1) as alone:
-            expected = by_index(alone, work_tasks.slow, list(tasks.values()))
+            expected = by_index(alone, execution_tasks.slow, list(tasks.values()))
         assert [(out / name).read_bytes() for name in tasks] == expected
-        given = workers.run(work_tasks.slow, list(tasks.values()))
+        given = workers.run(execution_tasks.slow, list(tasks.values()))
         next(given)
         running.scheduler.kill()
         with pytest.raises(WorkError, match=f"^lost the Dask scheduler at {running.address}$"):
             list(given)
         with pytest.raises(WorkError, match=f"^lost the Dask scheduler at {running.address}$"):
-            list(workers.run(work_tasks.slow, list(tasks.values())))
+            list(workers.run(execution_tasks.slow, list(tasks.values())))
 
 
 def test_task_that_always_kills_its_dask_worker_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -393,7 +393,7 @@ def test_task_that_always_kills_its_dask_worker_is_told(monkeypatch: pytest.Monk
         cluster_workers(running.address) as workers,
         pytest.raises(WorkError, match="a task was under way on 1 Dask workers that died"),
     ):
-        list(workers.run(work_tasks.die, [1]))
+        list(workers.run(execution_tasks.die, [1]))
 
 
 @pytest.mark.filterwarnings("ignore:Mismatched versions")

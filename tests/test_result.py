@@ -16,7 +16,7 @@ from jsonschema import Draft202012Validator
 
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.result import JSON_SCHEMA_PATH, BoxReport, OptionReport, Selection
+from boxgrasp.result import JSON_SCHEMA_PATH, BoxReport, Candidate, Selection
 from boxgrasp.simulate import build_scene, to_capture
 
 SCHEMA = json.loads(JSON_SCHEMA_PATH.read_text("utf-8"))
@@ -43,7 +43,7 @@ def a_grasp() -> Selection:
 
 @cache
 def an_ask() -> Selection:
-    narrow = GraspSelector({"gripper": {"opening_m": 0.05}})
+    narrow = GraspSelector({"gripper": {"max_opening_m": 0.05}})
     answer = narrow.select(seen(laid(item("green_cube", 0.85, 0.0)), 0))
     assert answer.status == "ask"
     return answer
@@ -54,8 +54,8 @@ def answers() -> Iterator[Selection]:
     yield a_grasp()
     yield an_ask()
     yield GraspSelector({"unchecked": True}).select(seen(drawn(0), 0))
-    yield GraspSelector({"options": {"lines": 1, "faces": ["front"]}}).select(seen(drawn(1), 1))
-    yield GraspSelector({"options": {"lines": 7}}).select(seen(drawn(2), 2))
+    yield GraspSelector({"candidates": {"lines": 1, "faces": ["front"]}}).select(seen(drawn(1), 1))
+    yield GraspSelector({"candidates": {"lines": 7}}).select(seen(drawn(2), 2))
     scene = build_scene({"target": item("beans_can", 0.85, 0.0), "obstacles": [], "camera": CAMERA})
     view = to_capture(scene, noise=False)[0]
     bare = Capture(view.depth, view.intrinsics, target_pixel=view.target_pixel)
@@ -82,7 +82,7 @@ def test_schema_is_a_schema_that_names_every_field() -> None:
     places = (
         (SCHEMA, Selection),
         (SCHEMA["properties"]["box"], BoxReport),
-        (SCHEMA["$defs"]["option"], OptionReport),
+        (SCHEMA["$defs"]["candidate"], Candidate),
     )
     for place, kind in places:
         names = {field.name for field in fields(kind)}
@@ -107,7 +107,7 @@ def test_every_kind_of_answer_follows_the_schema() -> None:
 def test_order_of_fields_is_the_published_one() -> None:
     line = line_of(a_grasp())
     assert list(line) == list(SCHEMA["properties"])
-    assert list(line["options"][0]) == list(SCHEMA["$defs"]["option"]["properties"])
+    assert list(line["candidates"][0]) == list(SCHEMA["$defs"]["candidate"]["properties"])
 
 
 @pytest.mark.parametrize("field", GRASP_FIELDS)
@@ -136,7 +136,7 @@ def test_a_grasp_has_and_an_ask_lacks(field: str) -> None:
         {"config_hash": "abc"},
         {"timings_ms": {}},
         {"timings_ms": {"total": -1}},
-        {"options": []},
+        {"candidates": []},
         {"reason": ""},
         {"box": {"T_base_box": np.eye(4).tolist()}},
         {"box": {"T_base_box": np.eye(4).tolist(), "dimensions_m": [0.1, 0.1, 0.0]}},
@@ -153,7 +153,7 @@ def test_schema_refuses_an_ask_with_a_way_out() -> None:
     assert not valid({**ask, "blocking": None})
     assert not valid({**ask, "best_rejected": None})
     passing = deepcopy(ask)
-    passing["options"][3]["rejected"] = None
+    passing["candidates"][3]["rejected"] = None
     assert not valid(passing)
 
 
@@ -169,8 +169,8 @@ def test_round_trip() -> None:
             if isinstance(before, np.ndarray):
                 np.testing.assert_array_equal(before, after)
                 assert not after.flags.writeable
-        assert [o.label for o in again.options] == list(range(1, len(again.options) + 1))
-        assert again.option(2).label == 2
+        assert [o.label for o in again.candidates] == list(range(1, len(again.candidates) + 1))
+        assert again.candidate(2).label == 2
 
 
 @pytest.mark.parametrize(
@@ -189,8 +189,8 @@ def test_what_is_no_answer_is_refused_in_one_line(text: str) -> None:
         {"more": 1},
         {"box": 3},
         {"box": None},
-        {"options": [3]},
-        {"options": None},
+        {"candidates": [3]},
+        {"candidates": None},
         {"T_base_gripper": [[1, 2], [3, 4]]},
         {"T_base_gripper": [[1, 2], [3]]},
         {"position_m": ["x", "y", "z"]},
@@ -201,7 +201,7 @@ def test_an_answer_with_a_wrong_part_is_refused(change: dict[str, Any]) -> None:
     test_what_is_no_answer_is_refused_in_one_line(json.dumps({**line_of(a_grasp()), **change}))
 
 
-@pytest.mark.parametrize("name", ["box", "options", "version", "capture", "label"])
+@pytest.mark.parametrize("name", ["box", "candidates", "version", "capture", "label"])
 def test_an_answer_that_lacks_a_part_is_refused(name: str) -> None:
     line = line_of(a_grasp())
     line.pop(name)
@@ -217,4 +217,4 @@ def test_an_answer_cannot_be_changed() -> None:
         with pytest.raises(ValueError):
             array[0] = 0
     with pytest.raises(ValueError):
-        answer.options[0].T_base_gripper[0, 0] = 2
+        answer.candidates[0].T_base_gripper[0, 0] = 2
