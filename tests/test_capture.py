@@ -31,7 +31,7 @@ def test_keeps_what_it_is_given_read_only_and_apart_from_the_caller():
         target_pixel=SEEN.target_pixel,
     )
     assert capture.shape == (HEIGHT, WIDTH)
-    assert capture.has_camera and capture.notes == () and capture.target_pixel == (13, 10)
+    assert capture.has_camera and capture.warnings == () and capture.target_pixel == (13, 10)
     np.testing.assert_array_equal(capture.depth, SEEN.depth)
     np.testing.assert_array_equal(capture.T_base_camera, SEEN.T_base_camera)
     np.testing.assert_array_equal(capture.rgb, SEEN.rgb)
@@ -72,7 +72,7 @@ def test_few_impossible_depths_are_noted_and_many_refused(odd):
     depth[0, :10] = odd
     capture = Capture(depth, [[90, 0, 50], [0, 90, 50], [0, 0, 1]])
     assert len(capture.valid_points()[0]) == 9990
-    assert capture.notes == ("10 negative or infinite depths of 10000 taken as missing",)
+    assert capture.warnings == ("10 negative or infinite depths of 10000 taken as missing",)
     depth[0, 10] = odd
     with pytest.raises(CaptureError, match="11 of 10000 pixels"):
         Capture(depth, [[90, 0, 50], [0, 90, 50], [0, 0, 1]])
@@ -127,9 +127,9 @@ def test_camera_is_unknown_only_for_a_base_cloud_without_its_pose():
     assert not Capture.from_cloud(points, cloud_frame="base").has_camera
     T = np.eye(4)
     placed = Capture.from_cloud(points, cloud_frame="base", T_base_camera=T)
-    assert placed.has_camera and placed.notes == ()
+    assert placed.has_camera and placed.warnings == ()
     turned = Capture.from_cloud(points, cloud_frame="base", T_base_camera=np.diag([1, -1, -1, 1]))
-    assert "looks away" in turned.notes[0]
+    assert "looks away" in turned.warnings[0]
 
 
 K = SEEN.intrinsics

@@ -212,7 +212,9 @@ def test_killed_worker_costs_no_result(tmp_path: Path) -> None:
     with local_workers(2) as workers:
         results = by_index(workers, execution_tasks.die_once, tasks)
     assert results == [name.encode() for _, name in tasks]
-    assert Counter(name for name, _ in execution_tasks.marks(tmp_path)) == {str(i): 2 for i in range(4)}
+    assert Counter(name for name, _ in execution_tasks.marks(tmp_path)) == {
+        str(i): 2 for i in range(4)
+    }
 
 
 def test_task_that_always_kills_its_worker_is_told() -> None:

@@ -55,7 +55,7 @@ def test_folder_gives_back_its_images(tmp_path):
     loaded = load_capture(write_folder(tmp_path / "view", SEEN))
     same(loaded, whole(), "intrinsics", "T_base_camera", "rgb", "mask", "target_pixel")
     np.testing.assert_allclose(loaded.depth, SEEN.depth, atol=1e-7)
-    assert loaded.notes == ()
+    assert loaded.warnings == ()
 
 
 def test_folder_takes_the_scale_it_is_told(tmp_path):
@@ -81,7 +81,7 @@ def test_folder_takes_jpeg_masks_with_alpha_and_notes_unknown_keys(tmp_path):
     np.testing.assert_array_equal(loaded.robot_mask, SEEN.mask)
     np.testing.assert_allclose(loaded.rgb, smooth, atol=4)
     assert loaded.T_base_camera is None
-    assert len(loaded.notes) == 1 and "'T_base_cam'" in loaded.notes[0]
+    assert len(loaded.warnings) == 1 and "'T_base_cam'" in loaded.warnings[0]
 
 
 def test_folder_takes_zero_distortion_and_refuses_any_other(tmp_path):
@@ -147,7 +147,7 @@ def test_pcd_viewpoint_is_the_cameras_pose_in_the_points_frame(tmp_path):
     path = tmp_path / "cloud.pcd"
     path.write_bytes(pcd_bytes(in_base, "binary", viewpoint=pose))
     capture = load_capture(path)
-    assert capture.cloud_frame == "base" and capture.has_camera and capture.notes == ()
+    assert capture.cloud_frame == "base" and capture.has_camera and capture.warnings == ()
     np.testing.assert_allclose(capture.T_base_camera, T, atol=1e-12)
     same(capture, Capture.from_cloud(in_base, cloud_frame="base"), "points")
 
@@ -236,12 +236,12 @@ def test_bag_gives_the_topic_asked_for(tmp_path, bag_kind):
     path = maker.write(tmp_path)
     cloud = load_capture(path, topic="/points")
     same(cloud, Capture.from_cloud(SEEN.points, colors=SEEN.rgb), "points", "colors")
-    assert cloud.notes == () and cloud.shape == (HEIGHT, WIDTH)
+    assert cloud.warnings == () and cloud.shape == (HEIGHT, WIDTH)
     loose = load_capture(path, topic="/robot/points")
     same(loose, Capture.from_cloud(SEEN.points.reshape(-1, 3)), "points")
-    assert "'base_link'" in loose.notes[0]
+    assert "'base_link'" in loose.warnings[0]
     base = load_capture(path, topic="/robot/points", cloud_frame="base")
-    assert base.notes == () and not base.has_camera
+    assert base.warnings == () and not base.has_camera
     with pytest.raises(CaptureError, match="/nowhere.*valid: .*/camera/depth/image_raw"):
         load_capture(path, topic="/nowhere")
     with pytest.raises(CaptureError, match="rgb8.*valid: 16UC1"):
@@ -352,8 +352,8 @@ def test_simulated_captures_load(captures_dir):
                 (arrays["depth"] > 0) & (arrays["depth"] <= 65.535)
             )
         assert capture.target_pixel is not None and capture.T_base_camera is not None
-        assert len(capture.notes) == (2 if i == 3 else 0)
-    assert "175 negative" in capture.notes[0]
+        assert len(capture.warnings) == (2 if i == 3 else 0)
+    assert "175 negative" in capture.warnings[0]
 
 
 def test_readers_import_only_what_the_format_needs(tmp_path):

@@ -14,7 +14,7 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.teaching.operators import Shown
 from boxgrasp.teaching.stand_in import StandIn
 
-STEADY = StandIn(eye_m=0.0, mood_m=0.0)
+STEADY = StandIn(camera_position_m=0.0, mood_m=0.0)
 
 
 def shown(size: tuple[float, float, float], points: np.ndarray | None = None) -> Shown:

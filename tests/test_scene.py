@@ -138,7 +138,7 @@ def test_every_object_is_found_once(segmentation: str, noise: int | None) -> Non
     assert distances == sorted(distances)
     eye = scene.T_base_camera[:3, 3]
     for seen_object in found.objects:
-        own = found.points[found.labels == seen_object.number]
+        own = found.points[found.object_numbers == seen_object.number]
         assert len(own) == seen_object.points
         assert seen_object.distance_m == pytest.approx(
             float(np.linalg.norm(own.mean(axis=0) - eye)), abs=1e-4
@@ -172,8 +172,8 @@ def test_euclidean_keeps_the_clusters(seed: int) -> None:
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     part = connected_components(graph, directed=False)[1]
     for number in range(1, len(found.objects) + 1):
-        (own,) = np.unique(part[found.labels == number])
-        assert set(found.labels[part == own].tolist()) == {number}
+        (own,) = np.unique(part[found.object_numbers == number])
+        assert set(found.object_numbers[part == own].tolist()) == {number}
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""One configuration: the rooms' own settings composed, read strictly, printed back, hashed.
+"""One configuration: each stage's own settings composed, read strictly, printed back, hashed.
 
-The rooms never import this module. Names, defaults and ranges stand in the rooms alone.
+The stages never import this module. Names, defaults and ranges stand in their own files alone.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import fspath
-from typing import Any
+from typing import Any, ClassVar
 
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.grasps.candidates import CandidatesConfig
@@ -19,16 +19,24 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene import SceneConfig
-from boxgrasp.ranking.ranker import NAMES
+from boxgrasp.ranking.ranker import SHIPPED, ranker_names
 from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 
 
 @dataclass(frozen=True)
 class Config:
-    """Everything that can be set, room by room; see `boxgrasp config`.
+    """Everything that can be set; `boxgrasp config` prints it.
 
-    ranker: who orders the candidates. models: folder of the trained models of an SVM ranker, null
-    for those that ship. unchecked: take the ranker's word alone, without the check.
+    Attributes:
+        scene: how objects are found.
+        box: how the target's box is fitted.
+        mapping: the local map.
+        candidates: which grasps are considered.
+        gripper: the hand.
+        checks: what a candidate must keep.
+        ranker: name of what orders the candidates.
+        models: folder of an SVM ranker's trained models, None for those that ship.
+        unchecked: take the ranker's first candidate, whatever the checks say.
 
     Raises:
         ConfigError: no ranker has that name.
@@ -44,17 +52,30 @@ class Config:
     models: str | None = None
     unchecked: bool = False
 
+    RENAMED: ClassVar = {
+        "options": "candidates",
+        "occupancy": "mapping",
+        "check": "checks",
+        "chooser": "ranker",
+    }
+
     def __post_init__(self) -> None:
-        if self.ranker not in NAMES:
-            raise ConfigError(f"unknown ranker: {self.ranker}; valid: {', '.join(NAMES)}")
+        if self.ranker not in SHIPPED and self.ranker not in ranker_names():
+            raise ConfigError(f"unknown ranker: {self.ranker}; valid: {', '.join(ranker_names())}")
 
 
 def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Config:
     """The configuration of a YAML file, a mapping or a Config; what is not said is the default.
 
+    Args:
+        source: a path, nested names and values, a Config, or None for all defaults.
+
+    Returns:
+        The whole configuration, every value checked.
+
     Raises:
-        ConfigError: unreadable or faulty YAML, an unknown key at any depth, a wrong type, a
-            value out of its range.
+        ConfigError: unreadable or faulty YAML, an unknown or renamed key at any depth, a wrong
+            type, a value out of its range.
     """
     if source is None:
         return Config()
@@ -68,6 +89,12 @@ def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Co
 def load_gripper(path: Source) -> Gripper:
     """The gripper of a YAML file with the keys of the configuration's `gripper`.
 
+    Args:
+        path: of the file.
+
+    Returns:
+        The gripper.
+
     Raises:
         GripperError: as `load_config`, and where the gripper cannot hold anything.
     """
@@ -75,12 +102,26 @@ def load_gripper(path: Source) -> Gripper:
 
 
 def dump_config(config: Config) -> str:
-    """Every setting with its value, as YAML that `load_config` reads back."""
+    """Every setting with its value.
+
+    Args:
+        config: any.
+
+    Returns:
+        YAML that `load_config` reads back.
+    """
     return to_yaml(plain(config))
 
 
 def config_hash(config: Config) -> str:
-    """16 hex digits of the SHA-256 of the configuration's canonical JSON."""
+    """What tells two configurations apart.
+
+    Args:
+        config: any.
+
+    Returns:
+        16 hexadecimal digits of the SHA-256 of its canonical JSON.
+    """
     values = plain(load_config(config))
     canonical = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]

@@ -1,6 +1,24 @@
-"""The errors a user can meet: one root, one line each, saying what was found and what is valid."""
+"""Errors and warnings a user can meet: one line each, saying what was found and what is valid."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CodedWarning:
+    """What an answer warns of: a code for programs, a sentence for people.
+
+    Attributes:
+        code: lower case words joined by underscores; stays when the sentence is reworded.
+        message: one sentence.
+    """
+
+    code: str
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
 
 
 class BoxgraspError(Exception):

@@ -1,4 +1,4 @@
-"""The hall: one view in, one checked gripper pose out. Reads as chapter 2 of the thesis."""
+"""The pipeline: one view in, one checked gripper pose out. Reads as chapter 2 of the thesis."""
 
 from __future__ import annotations
 
@@ -8,49 +8,114 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.config import Config, config_hash, load_config
+from boxgrasp.errors import CodedWarning, ConfigError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
-from boxgrasp.grasps import checks
 from boxgrasp.grasps.candidates import FACES, candidates_of
-from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
+from boxgrasp.grasps.checks.check import validated as validated_result
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 from boxgrasp.mapping.ray_insertion import Scan, build_local_map
-from boxgrasp.mapping.unseen_space import unexplained_cells
+from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES, MapObstacles, unexplained_cells
 from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.perception.target import Target, TargetPoints, find_target
-from boxgrasp.perception.truncation import Visibility, look
-from boxgrasp.ranking.ranker import RankerSetup, Ranking, RankingContext, ranker_named
-from boxgrasp.result import BoxReport, Candidate, Selection
+from boxgrasp.perception.truncation import Truncation, find_truncation
+from boxgrasp.ranking.ranker import Ranker, RankerSetup, Ranking, RankingContext, ranker_named
+from boxgrasp.ranking.ranker import validated as validated_ranking
+from boxgrasp.result import Candidate, CheckValue, Grasp, Refusal, Selection, TargetBox
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.version import __version__
 
-_DENSE = 150_000
+_DENSE_PX = 150_000  # of such an image every second row and column still crosses every cell
 
 
 @dataclass(frozen=True, eq=False)
 class SceneAnalysis:
-    """What one view tells of a target: scene, target points, candidates with numbers and verdict."""
+    """What one view tells of a target, before a choice is made.
+
+    Attributes:
+        scene: the support plane and what stands on it.
+        target_points: which points are the target's, and which are in its way.
+        context: the candidates with their check results and local maps.
+        truncation: which edges of the box are hidden.
+        warnings: what the user should know.
+        clock: the time that each stage took.
+    """
 
     scene: Scene
     target_points: TargetPoints
     context: RankingContext
-    verdict: checks.Verdict
-    warnings: tuple[str, ...]
+    truncation: Truncation
+    warnings: tuple[CodedWarning, ...]
+    clock: Clock
+
+    @property
+    def passing(self) -> NDArray[np.bool_]:
+        """(M,) whether each candidate passes every check."""
+        results = [result.passed for result in self.context.check_results.values()]
+        every = np.ones(len(self.context.candidates.label), dtype=np.bool_)
+        return np.asarray(np.logical_and.reduce([every, *results]))
+
+
+def default_checks(
+    config: Config | Mapping[str, Any] | str | None = None,
+) -> tuple[Check, ...]:
+    """The checks of a configuration: those that ship, then the plugins that it names.
+
+    Args:
+        config: as `GraspSelector` takes it.
+
+    Returns:
+        One check a name; a list with more is what `GraspSelector(checks=...)` takes.
+
+    Raises:
+        ConfigError: as `load_config`, and a plugin that is not installed.
+    """
+    settings = load_config(config)
+    return (
+        *shipped_checks(settings.checks, settings.candidates.faces),
+        *plugin_checks(settings.checks),
+    )
 
 
 class GraspSelector:
     """Selects grasps by one configuration; safe from several threads."""
 
-    def __init__(self, config: Config | Mapping[str, Any] | str | None = None) -> None:
+    def __init__(
+        self,
+        config: Config | Mapping[str, Any] | str | None = None,
+        *,
+        ranker: Ranker | None = None,
+        checks: Sequence[Check] | None = None,
+    ) -> None:
+        """Prepare ranker and checks.
+
+        Args:
+            config: a YAML file's path, nested names and values, a Config, or None for defaults.
+            ranker: orders the candidates in place of the configuration's.
+            checks: in place of `default_checks(config)`.
+
+        Raises:
+            ConfigError: a faulty configuration, or two checks of one name.
+            ModelError: models that are missing, damaged, or do not fit the code's features.
+            MissingExtraError: an SVM ranker without onnxruntime.
+        """
         self.config = load_config(config)
         self._hash = config_hash(self.config)
         setup = RankerSetup(self.config.models, self.config.gripper, self.config.candidates.lines)
-        self._ranker = ranker_named(self.config.ranker, setup)
+        self.ranker = (
+            ranker_named(self.config.ranker, setup) if ranker is None else ranker.prepared(setup)
+        )
+        self.checks = tuple(default_checks(self.config) if checks is None else checks)
+        names = [check.name for check in self.checks]
+        if len(set(names)) < len(names):
+            raise ConfigError(f"checks are named {', '.join(names)}; valid: each name once")
 
     def select(
         self,
@@ -59,15 +124,36 @@ class GraspSelector:
         scans: Sequence[Capture] = (),
         octomap: MapCells | None = None,
     ) -> Selection:
-        """The grasp that is best and passes the check, or a request for help."""
-        clock = Clock()
-        # 1 to 4. The box, what surrounds it, and every candidate with its numbers (2-1, 2-2, 2-4).
-        cells_m = self._ranker.resolutions_m
-        analysis = self.analyze(capture, target, scans, octomap, cells_m=cells_m, clock=clock)
-        # 5. The first by preference that passes, or a question (2-3, 6-1).
-        ranking = self._ranker.rank(analysis.context)
-        clock.lap("choose")
-        return self._answer(analysis, ranking, clock)
+        """Choose the grasp that is ranked best and passes every check, or ask for help.
+
+        Args:
+            capture: the view.
+            target: the object wanted; None for the capture's own mask or pixel.
+            scans: further views of the same scene, each with its pose.
+            octomap: a map of the scene in the base frame, in place of one of our own.
+
+        Returns:
+            A grasp or a refusal, with its evidence.
+
+        Raises:
+            SceneError: no support plane, nothing on it, or a scan whose place is unknown.
+            TargetError: the target cannot be found where it was pointed at.
+            GripperError: the gripper cannot hold anything.
+        """
+        # 1 to 4. The box, what surrounds it, every candidate and every check (2-1, 2-2, 2-4).
+        analysis = self.analyze(
+            capture, target, scans, octomap, map_resolutions_m=self.ranker.map_resolutions_m
+        )
+        # 5. The order of the candidates (2-3).
+        context, clock = analysis.context, analysis.clock
+        ranking = validated_ranking(
+            self.ranker, self.ranker.rank(context), len(context.candidates.label)
+        )
+        clock.lap("rank")
+        # 6. The first in this order that passes, or a question (6-1).
+        selection = self._answer(analysis, ranking)
+        clock.lap("answer")
+        return replace(selection, timings_ms=clock.timings_ms(), _seen=capture)
 
     def analyze(
         self,
@@ -77,166 +163,329 @@ class GraspSelector:
         octomap: MapCells | None = None,
         *,
         scene: Scene | None = None,
-        cells_m: Sequence[float] = (),
-        clock: Clock | None = None,
+        map_resolutions_m: Sequence[float] = (),
     ) -> SceneAnalysis:
         """All that is known before a choice is made.
 
-        scene: spares finding it again; cells_m: cell sizes of further local maps.
+        Args:
+            capture: as `select`.
+            target: as `select`.
+            scans: as `select`.
+            octomap: as `select`.
+            scene: spares finding it again.
+            map_resolutions_m: cell sizes of further local maps, m.
+
+        Returns:
+            The candidates with every check's result, and what they rest on.
+
+        Raises:
+            SceneError: as `select`.
+            TargetError: as `select`.
+            GripperError: as `select`.
         """
         config = self.config
-        clock = clock or Clock()
+        clock = Clock()
         # 1. The support plane and what stands on it (appendix A).
         scene = scene or self.scene(capture, scans)
         clock.lap("scene")
-        # 2. A box round the target (2-1).
-        target_points = find_target(scene, capture, target)
-        box = fit_box(
-            scene.points[target_points.target_mask], scene.plane, _heading(scene), config.box
-        )
-        seen = look(capture, scene, target_points.target_mask, box)
+        # 2. A box round the target, and which of its edges are hidden (2-1).
+        points = find_target(scene, capture, target)
+        box = fit_box(scene.points[points.target_mask], scene.plane, _heading(scene), config.box)
+        truncation = find_truncation(capture, scene, points.target_mask, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        maps, unexplained = self._occupancy(capture, scene, scans, octomap, box, cells_m)
-        local_map = maps[config.mapping.resolution_m]
+        maps, map_obstacles = self._maps(
+            _View(capture, scene, scans, octomap), box, map_resolutions_m
+        )
         clock.lap("mapping")
-        # 4. Every candidate with its numbers (2-4, 3-4).
+        # 4. Every candidate, and what each check says of it (2-4, 3-4).
         candidates = candidates_of(box, config.gripper, config.candidates.lines)
-        numbers = checks.measure(
-            candidates,
-            config.gripper,
-            box,
-            scene,
-            target_points.obstacle_mask,
-            unexplained,
-            local_map,
-            seen.width_known,
-            config.checks,
+        context = CheckContext(
+            candidates=candidates,
+            gripper=config.gripper,
+            box=box,
+            scene=scene,
+            obstacle_mask=points.obstacle_mask,
+            local_map=maps[config.mapping.resolution_m],
+            local_maps=maps,
+            map_obstacles=map_obstacles,
+            width_known=truncation.width_known,
         )
-        verdict = checks.judge(
-            candidates,
-            numbers,
-            config.gripper,
-            scene,
-            scene.labels[target_points.obstacle_mask],
-            config.candidates.faces,
-            config.checks,
-        )
-        clock.lap("check")
-        warnings = (*capture.notes, *_warnings(scene, seen))
+        results = {check.name: self._evaluated(check, context) for check in self.checks}
+        clock.lap("checks")
         return SceneAnalysis(
-            scene, target_points, RankingContext(box, candidates, numbers, maps), verdict, warnings
+            scene=scene,
+            target_points=points,
+            context=RankingContext(box, candidates, results, maps),
+            truncation=truncation,
+            warnings=(*capture.warnings, *_warnings(scene, truncation)),
+            clock=clock,
         )
-
-    def _occupancy(
-        self,
-        capture: Capture,
-        scene: Scene,
-        scans: Sequence[Capture],
-        octomap: MapCells | None,
-        box: Box,
-        cells_m: Sequence[float],
-    ) -> tuple[dict[float, LocalMap], tuple[Floats, Floats]]:
-        """Local maps by cell size, and the occupied cells of a map file that no point explains."""
-        T_base_map = box.T_base_map(self.config.mapping.center_above_plane_clearance_m)
-        sizes = dict.fromkeys((self.config.mapping.resolution_m, *cells_m))
-        configs = {size: replace(self.config.mapping, resolution_m=size) for size in sizes}
-        if octomap is None:
-            T_source_map = invert(scene.T_base_source) @ T_base_map
-            rays = _rays(capture, scene, scans, self.config.mapping.stride)
-            maps = {
-                size: replace(build_local_map(rays, T_source_map, config), T_base_map=T_base_map)
-                for size, config in configs.items()
-            }
-            return maps, (np.empty((0, 3)), np.empty(0))
-        cells = octomap.occupied(self.config.mapping.occupied_above)
-        maps = {
-            size: map_from_octomap(octomap, T_base_map, config) for size, config in configs.items()
-        }
-        return maps, unexplained_cells(*cells, scene, box)
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
-        """The objects on the support plane, numbered from the nearest."""
+        """The objects on the support plane.
+
+        Args:
+            capture: the view.
+
+        Returns:
+            Numbered from the nearest, from 1.
+
+        Raises:
+            SceneError: no support plane, or nothing on it.
+        """
         return with_pixels(self.scene(capture))
 
+    def segment(self, capture: Capture) -> NDArray[np.int32]:
+        """The number of the object that each pixel shows.
+
+        Args:
+            capture: a view with an image: depth, or an organized cloud.
+
+        Returns:
+            (H, W) int32, 0 for no object.
+
+        Raises:
+            SceneError: no support plane, nothing on it, or a capture without an image.
+        """
+        return self.scene(capture).object_image()
+
     def scene(self, capture: Capture, scans: Sequence[Capture] = ()) -> Scene:
-        """The support plane and what stands on it (appendix A)."""
+        """The support plane and what stands on it (appendix A).
+
+        Args:
+            capture: the view.
+            scans: further views of the same scene, each with its pose.
+
+        Returns:
+            Points, objects, plane and frames.
+
+        Raises:
+            SceneError: no support plane, nothing on it, or a scan whose place is unknown.
+        """
         return find_scene(capture, scans, self.config.scene)
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first select is as quick as the next."""
         self.select(_two_blocks(), Target(pixel=(80, 60)))
 
-    def _answer(
-        self,
-        analysis: SceneAnalysis,
-        ranking: Ranking,
-        clock: Clock,
-    ) -> Selection:
-        config, scene, verdict = self.config, analysis.scene, analysis.verdict
-        box, candidates, numbers = (
-            analysis.context.box, analysis.context.candidates, analysis.context.numbers,
-        )  # fmt: skip
-        order = ranking.order.tolist()
-        rank = np.argsort(ranking.order)
-        passing = verdict.passing
+    @staticmethod
+    def _evaluated(check: Check, context: CheckContext) -> CheckResult:
+        return validated_result(check, check.evaluate(context), len(context.candidates.label))
+
+    def _maps(
+        self, view: _View, box: Box, map_resolutions_m: Sequence[float]
+    ) -> tuple[dict[float, LocalMap], MapObstacles]:
+        """Local maps by cell size, and the occupied cells of a map file that no point explains."""
+        config = self.config.mapping
+        needed = (getattr(check, "map_resolutions_m", ()) for check in self.checks)
+        sizes = dict.fromkeys((config.resolution_m, *map_resolutions_m, *sum(needed, ())))
+        configs = {size: replace(config, resolution_m=size) for size in sizes}
+        T_base_map = box.T_base_map(config.center_above_support_m)
+        if view.octomap is None:
+            T_source_map = invert(view.scene.T_base_source) @ T_base_map
+            rays = _rays(view, config.stride)
+            maps = {
+                size: replace(build_local_map(rays, T_source_map, own), T_base_map=T_base_map)
+                for size, own in configs.items()
+            }
+            return maps, NO_MAP_OBSTACLES
+        occupied = MapObstacles(*view.octomap.occupied(config.occupied_above))
+        maps = {
+            size: map_from_octomap(view.octomap, T_base_map, own) for size, own in configs.items()
+        }
+        return maps, unexplained_cells(occupied, view.scene, box)
+
+    def _answer(self, analysis: SceneAnalysis, ranking: Ranking) -> Selection:
+        """The first candidate in the order that passes; else the nearest, and why it fails."""
+        config, scene, passing = self.config, analysis.scene, analysis.passing
+        reports = _reports(analysis.context, ranking)
         allowed = [FACES.index(face) + 1 for face in config.candidates.faces]
         chosen = next(
             (
-                k
-                for k in order
-                if passing[k] or (config.unchecked and candidates.face[k] in allowed)
+                row for row in ranking.order.tolist()
+                if passing[row] or (config.unchecked and reports[row].face in allowed)
             ),
             None,
-        )
-        rejected = [k for k in order if not passing[k]]
-        best = min(rejected, key=lambda k: (verdict.short_m[k], rank[k]), default=None)
-        reports = tuple(
-            Candidate(
-                label=int(candidates.label[k]),
-                face=int(candidates.face[k]),
-                line=int(candidates.line[k]),
-                T_base_gripper=readonly(candidates.T_base_gripper[k].copy()),
-                width_m=float(candidates.width_m[k]),
-                visible_clearance_m=float(numbers.visible_clearance_m[k]),
-                unseen_distance_m=float(numbers.unseen_distance_m[k]),
-                plane_clearance_m=float(numbers.plane_clearance_m[k]),
-                approach_clearance_m=float(numbers.approach_clearance_m[k]),
-                fits=bool(numbers.fits[k] and numbers.known[k]),
-                rejected=verdict.rejected[k],
-                ranking=int(rank[k]) + 1,
-            )
-            for k in range(len(order))
-        )
-        grasp: dict[str, Any] = dict.fromkeys(
-            ("face", "line", "label", "T_base_gripper", "T_base_tcp", "T_base_pregrasp",
-             "position_m", "quaternion_xyzw", "opening_m", "clearance_m")
         )  # fmt: skip
-        blocking = None
-        if chosen is not None:
-            grasp = _grasp(reports[chosen], config.gripper, config.checks.pregrasp_distance_m)
-            reason = "first by preference that passes" if passing[chosen] else "unchecked"
-        else:
-            assert best is not None
-            blocking = verdict.rejected[best]
-            reason = f"no candidate passes; the nearest to it, {reports[best].label}: {blocking}"
-        clock.lap("answer")
         return Selection(
-            status="ask" if chosen is None else "grasp",
-            reason=reason,
+            grasp=None
+            if chosen is None
+            else self._grasp(reports[chosen], float(ranking.confidence[chosen])),
+            refusal=_refusal(analysis.context, reports) if chosen is None else None,
+            candidates=reports,
+            box=_target_box(analysis),
+            gripper=config.gripper,
+            ranker=self.ranker.name,
             frame=scene.frame,
             T_base_camera=scene.T_base_camera,
-            ranker=config.ranker,
-            **grasp,
-            box=BoxReport(box.T_base_box, box.dimensions_m),
-            best_rejected=None if best is None else reports[best].label,
-            blocking=blocking,
-            candidates=reports,
-            warnings=(*analysis.warnings, *self._ranker.notes),
+            warnings=(*analysis.warnings, *self.ranker.warnings),
             config_hash=self._hash,
-            timings_ms=clock.timings_ms(),
+            timings_ms={},
             version=__version__,
         )
+
+    def _grasp(self, chosen: Candidate, confidence: float) -> Grasp:
+        T, gripper = chosen.T_base_gripper, self.config.gripper
+        back = make_transform(np.eye(3), (-self.config.checks.pregrasp_distance_m, 0.0, 0.0))
+        visible = chosen.checks.get("visible_clearance")
+        return Grasp(
+            label=chosen.label,
+            face=chosen.face,
+            line=chosen.line,
+            T_base_gripper=T,
+            T_base_tcp=readonly(T @ np.array(gripper.T_gripper_tcp)),
+            T_base_pregrasp=readonly(T @ back),
+            position_m=readonly(T[:3, 3].copy()),
+            quaternion_xyzw=readonly(quaternion_xyzw(T[:3, :3])),
+            opening_m=gripper.max_opening_m,
+            width_m=chosen.width_m,
+            clearance_m=None if visible is None else visible.value,
+            clearance_at_least_m=None,
+            probability_clear=None,
+            confidence=confidence,
+            T_base_flange=None,
+        )
+
+
+class Clock:
+    """Wall time stage by stage; the stages add up to the total."""
+
+    def __init__(self) -> None:
+        self._start = self._last = time.perf_counter()
+        self._laps: dict[str, float] = {}
+
+    def lap(self, stage: str) -> None:
+        """Count the time since the last lap for a stage."""
+        now = time.perf_counter()
+        self._laps[stage] = (now - self._last) * 1e3
+        self._last = now
+
+    def timings_ms(self) -> dict[str, float]:
+        """Milliseconds by stage, and `total`."""
+        return {**self._laps, "total": (time.perf_counter() - self._start) * 1e3}
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A capture with its scene and what else is known of it."""
+
+    capture: Capture
+    scene: Scene
+    scans: Sequence[Capture]
+    octomap: MapCells | None
+
+
+def _reports(context: RankingContext, ranking: Ranking) -> tuple[Candidate, ...]:
+    candidates = context.candidates
+    rank = np.argsort(ranking.order)
+    return tuple(
+        Candidate(
+            label=int(candidates.label[k]),
+            face=int(candidates.face[k]),
+            line=int(candidates.line[k]),
+            rank=int(rank[k]) + 1,
+            T_base_gripper=readonly(candidates.T_base_gripper[k].copy()),
+            width_m=float(candidates.width_m[k]),
+            checks={name: _value_of(said, k) for name, said in context.check_results.items()},
+        )
+        for k in range(len(candidates.label))
+    )
+
+
+def _value_of(said: CheckResult, k: int) -> CheckValue:
+    x, y, z = said.nearest_points_m[k].tolist()
+    number = int(said.objects[k])
+    return CheckValue(
+        value=float(said.value[k]),
+        limit=float(said.limit[k]),
+        unit=said.unit,
+        passed=bool(said.passed[k]),
+        object=number if number >= 0 else None,
+        nearest_point_m=None if np.isnan(x) else (x, y, z),
+    )
+
+
+def _refusal(context: RankingContext, reports: Sequence[Candidate]) -> Refusal:
+    """The candidate that fails fewest checks, then those by the least share of their limits."""
+    results = context.check_results.values()
+    failed = np.sum([~said.passed for said in results], axis=0)
+    violation = np.sum([said.violation for said in results], axis=0)
+    nearest = min(reports, key=lambda c: (failed[c.label - 1], violation[c.label - 1], c.rank))
+    reasons = "; ".join(item.sentence for item in nearest.rejections)
+    return Refusal(
+        code="no_candidate_passes",
+        message=f"no candidate passes; the nearest to it, {nearest.name}: {reasons}",
+        nearest_label=nearest.label,
+        violations=nearest.rejections,
+    )
+
+
+def _target_box(analysis: SceneAnalysis) -> TargetBox:
+    box = analysis.context.box
+    known = np.array([*analysis.truncation.width_known, True])
+    return TargetBox(
+        T_base_box=box.T_base_box,
+        dimensions_m=box.dimensions_m,
+        dimensions_at_least_m=box.dimensions_m,
+        dimensions_at_most_m=readonly(np.where(known, box.dimensions_m, np.inf)),
+    )
+
+
+def _heading(scene: Scene) -> float:
+    """Where the camera looks, as a turn about the base's z; 0 where it is unknown."""
+    if scene.T_base_camera is None:
+        return 0.0
+    x = scene.T_base_table[:3, 0]
+    return float(np.arctan2(x[1], x[0]))
+
+
+def _rays(view: _View, stride: int | None) -> list[Scan]:
+    """Points and camera position of every view, in the first view's own frame.
+
+    The whole cloud, table included. stride: as `MappingConfig.stride`.
+    """
+    T_source_base = invert(view.scene.T_base_source)
+    camera = view.scene.camera_position_m
+    at = None if camera is None else transform(T_source_base, camera[None])[0]
+    rays: list[Scan] = [(_ray_points(view.capture, stride), at)]
+    for scan in view.scans:
+        points = transform(T_source_base @ scan_pose(scan), _ray_points(scan, stride))
+        T = scan.T_base_camera
+        rays.append((points, None if T is None else transform(T_source_base, T[None, :3, 3])[0]))
+    return rays
+
+
+def _ray_points(capture: Capture, stride: int | None) -> NDArray[np.float32]:
+    shape = capture.shape
+    dense = stride is None and shape is not None and shape[0] * shape[1] > _DENSE_PX
+    return capture.valid_points(step=2 if dense else 1)[0][::stride]
+
+
+def _warnings(scene: Scene, truncation: Truncation) -> list[CodedWarning]:
+    found = []
+    if scene.frame == "support":
+        found.append(
+            CodedWarning(
+                "base_from_support_plane",
+                "no T_base_camera given: the base frame is the support plane's",
+            )
+        )
+    if scene.T_base_camera is None:
+        found.append(
+            CodedWarning("camera_unknown", "camera position unknown: no space is known to be free")
+        )
+    if truncation.cut:
+        found.append(CodedWarning("target_cut", "target is cut by the image border"))
+    for axis, known in zip("xy", truncation.width_known, strict=True):
+        if not known:
+            found.append(
+                CodedWarning(
+                    f"width_{axis}_lower_bound",
+                    f"target's width along its {axis} is a lower bound: an edge is hidden",
+                )
+            )
+    return found
 
 
 def _two_blocks() -> Capture:
@@ -251,85 +500,3 @@ def _two_blocks() -> Capture:
     red = np.where(middle, np.where(u < 88, 200, 60), 120)
     rgb = np.stack((red, np.full_like(red, 90), 255 - red), axis=-1).astype(np.uint8)
     return Capture(depth, np.array(intrinsics, dtype=np.float64), rgb=rgb)
-
-
-class Clock:
-    """Wall time stage by stage; the stages add up to the total."""
-
-    def __init__(self) -> None:
-        self._start = self._last = time.perf_counter()
-        self._laps: dict[str, float] = {}
-
-    def lap(self, stage: str) -> None:
-        now = time.perf_counter()
-        self._laps[stage] = (now - self._last) * 1e3
-        self._last = now
-
-    def timings_ms(self) -> dict[str, float]:
-        return {**self._laps, "total": (time.perf_counter() - self._start) * 1e3}
-
-
-def _heading(scene: Scene) -> float:
-    """Where the camera looks, as a turn about the base's z; 0 where it is unknown."""
-    if scene.T_base_camera is None:
-        return 0.0
-    x = scene.T_base_table[:3, 0]
-    return float(np.arctan2(x[1], x[0]))
-
-
-def _rays(
-    capture: Capture, scene: Scene, scans: Sequence[Capture], stride: int | None
-) -> list[Scan]:
-    """Points and eye of every view, in the first view's own frame: the whole cloud, table included.
-
-    stride: as `MappingConfig.stride`.
-    """
-    T_source_base = invert(scene.T_base_source)
-    rays: list[Scan] = []
-    for view in (capture, *scans):
-        shape = view.shape
-        dense = stride is None and shape is not None and shape[0] * shape[1] > _DENSE
-        points = view.valid_points(step=2 if dense else 1)[0][::stride]
-        if view is capture:
-            eye = None if scene.eye_m is None else transform(T_source_base, scene.eye_m[None])[0]
-            rays.append((points, eye))
-            continue
-        eye = None if view.T_base_camera is None else view.T_base_camera[None, :3, 3]
-        rays.append(
-            (
-                transform(T_source_base @ scan_pose(view), points),
-                None if eye is None else transform(T_source_base, eye)[0],
-            )
-        )
-    return rays
-
-
-def _warnings(scene: Scene, seen: Visibility) -> list[str]:
-    found = []
-    if scene.frame == "support":
-        found.append("no T_base_camera given: the base frame is the support plane's")
-    if scene.T_base_camera is None:
-        found.append("camera position unknown: no space is known to be free")
-    if seen.cut:
-        found.append("target is cut by the image border")
-    for axis, known in zip("xy", seen.width_known, strict=True):
-        if not known:
-            found.append(f"target's width along its {axis} is a lower bound: an edge is hidden")
-    return found
-
-
-def _grasp(candidate: Candidate, gripper: Gripper, back_m: float) -> dict[str, Any]:
-    T = candidate.T_base_gripper
-    back = make_transform(np.eye(3), (-back_m, 0.0, 0.0))
-    return {
-        "face": candidate.face,
-        "line": candidate.line,
-        "label": candidate.label,
-        "T_base_gripper": T,
-        "T_base_tcp": readonly(T @ np.array(gripper.T_gripper_tcp)),
-        "T_base_pregrasp": readonly(T @ back),
-        "position_m": readonly(T[:3, 3].copy()),
-        "quaternion_xyzw": readonly(quaternion_xyzw(T[:3, :3])),
-        "opening_m": gripper.max_opening_m,
-        "clearance_m": candidate.visible_clearance_m,
-    }

@@ -1,6 +1,7 @@
 """Plain data into frozen dataclasses, strictly: nothing misspelt, mistyped or out of range passes.
 
-The types and ranges are the annotations of the dataclasses (`Annotated[float, Meta(ge=0)]`).
+The types and ranges are the annotations of the dataclasses (`Annotated[float, Meta(ge=0)]`). A
+dataclass may say what its fields were called before, as `RENAMED: ClassVar = {old: new}`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from boxgrasp.errors import BoxgraspError
+from boxgrasp.errors import BoxgraspError, ConfigError
 
 D = TypeVar("D")
 Source = str | PathLike[str]
@@ -37,7 +38,7 @@ def build(kind: type[D], data: Any, origin: str, error: type[BoxgraspError]) -> 
         raise error(f"{origin}: {fault}") from None
     except msgspec.ValidationError as fault:
         raise error(f"{origin}: {_explain(kind, data, str(fault))}") from None
-    except BoxgraspError as fault:  # a room's own check in __post_init__
+    except BoxgraspError as fault:  # from the dataclass's own __post_init__
         raise error(f"{origin}: {fault}") from None
 
 
@@ -56,7 +57,7 @@ def _checked(kind: Any, data: Any, place: Place) -> Any:
             return None
         for key in data:
             if key not in names:
-                raise _FaultError(_unknown(key, names, place))
+                raise _FaultError(_unknown(key, section, names, place))
         return {key: _checked(hints[key], value, (*place, key)) for key, value in data.items()}
     if isinstance(data, list | tuple) and kind is not Any:
         items = _item_kinds(kind)
@@ -67,10 +68,13 @@ def _checked(kind: Any, data: Any, place: Place) -> Any:
     return data
 
 
-def _unknown(key: object, names: list[str], place: Place) -> str:
+def _unknown(key: object, section: type[Any], names: list[str], place: Place) -> str:
     import difflib
 
     where = f" in {_spell(place)}" if place else ""
+    renamed = getattr(section, "RENAMED", {}).get(key)
+    if renamed:
+        return f"{key!r}{where} is now {renamed!r}"
     close = difflib.get_close_matches(str(key), names, n=1)
     hint = f"; did you mean {close[0]}?" if close else ""
     return f"unknown key {key!r}{where}; valid: {', '.join(names)}{hint}"
@@ -243,6 +247,8 @@ def plain(value: Any) -> Any:
         return {item.name: plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {name: plain(item) for name, item in value.items()}
     return value
 
 
@@ -267,3 +273,46 @@ def _dumper() -> Any:
     Dumper.add_representer(list, Dumper.represent_short)
     Dumper.add_representer(tuple, Dumper.represent_short)
     return Dumper
+
+
+def plugin(group: str, name: str) -> Any:
+    """What an installed package brings under a name.
+
+    Args:
+        group: of entry points.
+        name: of the entry point.
+
+    Returns:
+        The object that it names, or None where no package has it.
+
+    Raises:
+        ConfigError: it cannot be imported, or two packages have it.
+    """
+    from importlib.metadata import entry_points
+
+    found = tuple(entry_points(group=group, name=name))
+    if len({entry.value for entry in found}) > 1:
+        both = ", ".join(sorted(entry.value for entry in found))
+        raise ConfigError(f"entry point {name!r} of {group} is taken twice: {both}; valid: once")
+    if not found:
+        return None
+    try:
+        return found[0].load()
+    except Exception as fault:  # the package's own import may raise anything
+        raise ConfigError(
+            f"entry point {name!r} of {group}, {found[0].value}: {type(fault).__name__}: {fault}"
+        ) from None
+
+
+def plugin_names(group: str) -> tuple[str, ...]:
+    """Names of all entry points that installed packages bring.
+
+    Args:
+        group: of entry points.
+
+    Returns:
+        Sorted names.
+    """
+    from importlib.metadata import entry_points
+
+    return tuple(sorted(entry_points(group=group).names))

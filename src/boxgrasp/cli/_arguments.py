@@ -197,7 +197,7 @@ def _without_robot(capture: Capture, mask: NDArray[np.bool_]) -> Capture:
         masked = Capture.from_cloud(
             np.asarray(points), colors=colors, cloud_frame=capture.cloud_frame, **given
         )
-    object.__setattr__(masked, "notes", capture.notes)  # what was mended is not seen twice
+    object.__setattr__(masked, "warnings", capture.warnings)  # what was mended is not seen twice
     return masked
 
 

@@ -1,7 +1,7 @@
-"""The only distances of the package: gripper boxes to points, columns, cells and the plane.
+"""The only distances of the package: a hand's box to points, columns, cells and the plane.
 
-Every gripper box of a candidate is upright: its faces are vertical or level in the base frame,
-since the box stands on the support plane and candidates turn by quarters. So a distance splits
+The hand's box of a candidate is upright: its faces are vertical or level in the base frame, since
+the target's box stands on the support plane and candidates turn by quarters. So a distance splits
 into one in plan (a turned rectangle) and one in height, and stays exact.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.uprights import cells_to_uprights, columns_to_uprights
 
@@ -18,9 +18,16 @@ CAP_M = 0.50
 
 
 def uprights(T_base_gripper: Floats, half_m: Floats, swept_back_m: float = 0.0) -> Floats:
-    """(M, 8) upright boxes: center x, y, cosine, sine, half along, half across, z low, z high.
+    """Boxes as the distances here take them.
 
-    `swept_back_m` stretches each box backwards along its approach: the space it passes.
+    Args:
+        T_base_gripper: (M, 4, 4) float64, poses of the boxes' centers.
+        half_m: (3,) half sizes along the gripper's x, y, z, m.
+        swept_back_m: stretches each box backwards along its approach, m: the space it passes.
+
+    Returns:
+        (M, 8) float64, base frame, m: center x, y, cosine and sine of its turn, half along, half
+        across, lowest z, highest z.
     """
     boxes = np.empty((len(T_base_gripper), 8))
     for k, T in enumerate(T_base_gripper):
@@ -46,8 +53,13 @@ def uprights(T_base_gripper: Floats, half_m: Floats, swept_back_m: float = 0.0) 
 def to_columns(boxes: Floats, columns: NDArray[np.float32]) -> tuple[Floats, NDArray[np.int64]]:
     """Distance of each upright box to the nearest column, and which column that is.
 
-    columns: (N, 4) float32 base frame x, y, z low, z high; a point is a column of no height.
-    Returns (M,) meters capped at 0.50, 0 inside, and (M,) index (-1 where none is near).
+    Args:
+        boxes: (M, 8) of `uprights`.
+        columns: (N, 4) float32, base frame, m: x, y, lowest z, highest z. A point is a column of
+            no height.
+
+    Returns:
+        (M,) float64, m, capped at 0.50, 0 inside; and (M,) int64 row, -1 where none is nearer.
     """
     distances = np.full(len(boxes), CAP_M)
     nearest = np.full(len(boxes), -1, dtype=np.int64)
@@ -59,20 +71,37 @@ def to_columns(boxes: Floats, columns: NDArray[np.float32]) -> tuple[Floats, NDA
     return distances, nearest
 
 
-def to_points(boxes: Floats, points: NDArray[np.float32]) -> tuple[Floats, NDArray[np.int64]]:
-    """Distance of each upright box to the nearest of (N, 3) points, and its index."""
+def to_points(boxes: Floats, points: Points) -> tuple[Floats, NDArray[np.int64]]:
+    """Distance of each upright box to the nearest point, and which point that is.
+
+    Args:
+        boxes: (M, 8) of `uprights`.
+        points: (N, 3) float32, base frame, m.
+
+    Returns:
+        As `to_columns`.
+    """
     return to_columns(boxes, np.ascontiguousarray(points[:, (0, 1, 2, 2)]))
 
 
-def to_cells(boxes: Floats, centers: Floats, sizes_m: Floats, yaw_rad: float) -> Floats:
-    """Distance of each upright box to the nearest cube cell; (M,) meters capped, 0 inside.
+def to_cells(
+    boxes: Floats, centers_m: Floats, edges_m: Floats, yaw_rad: float
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Distance of each upright box to the nearest cube cell, and which cell that is.
 
-    centers: (K, 3) base frame; sizes_m: (K,) edges; yaw_rad: the cells' turn about base z.
+    Args:
+        boxes: (M, 8) of `uprights`.
+        centers_m: (K, 3) float64, base frame, m.
+        edges_m: (K,) edges of the cells, m.
+        yaw_rad: the cells' turn about the base's z.
+
+    Returns:
+        As `to_columns`.
     """
     return cells_to_uprights(
         boxes,
-        np.ascontiguousarray(centers, dtype=np.float64),
-        np.ascontiguousarray(sizes_m, dtype=np.float64),
+        np.ascontiguousarray(centers_m, dtype=np.float64),
+        np.ascontiguousarray(edges_m, dtype=np.float64),
         float(np.cos(yaw_rad)),
         float(np.sin(yaw_rad)),
         CAP_M,
@@ -80,10 +109,41 @@ def to_cells(boxes: Floats, centers: Floats, sizes_m: Floats, yaw_rad: float) ->
 
 
 def to_plane(boxes: Floats, normal: Floats, offset_m: float) -> Floats:
-    """Signed height of each upright box's lowest corner over the plane n.p + offset = 0."""
+    """Signed height of each upright box's lowest corner over a plane.
+
+    Args:
+        boxes: (M, 8) of `uprights`.
+        normal: (3,) unit normal n of the plane n . p + offset_m = 0, base frame.
+        offset_m: m.
+
+    Returns:
+        (M,) float64, m, within 0.50 of 0; below 0 where the corner is under the plane.
+    """
     lowest = np.where(normal[2] >= 0, boxes[:, 6], boxes[:, 7])
     along = boxes[:, 2:4] @ normal[:2]
     across = boxes[:, 2] * normal[1] - boxes[:, 3] * normal[0]
     reach = np.abs(along) * boxes[:, 4] + np.abs(across) * boxes[:, 5]
     heights = boxes[:, :2] @ normal[:2] + lowest * normal[2] + offset_m - reach
     return np.asarray(np.clip(heights, -CAP_M, CAP_M))
+
+
+def lowest_corners(boxes: Floats, normal: Floats) -> Floats:
+    """The corner of each upright box that is lowest along a normal.
+
+    Args:
+        boxes: (M, 8) of `uprights`.
+        normal: (3,) unit normal, base frame.
+
+    Returns:
+        (M, 3) float64, base frame, m.
+    """
+    c, s = boxes[:, 2], boxes[:, 3]
+    along = np.where(c * normal[0] + s * normal[1] > 0, -1.0, 1.0) * boxes[:, 4]
+    across = np.where(c * normal[1] - s * normal[0] > 0, -1.0, 1.0) * boxes[:, 5]
+    return np.column_stack(
+        (
+            boxes[:, 0] + along * c - across * s,
+            boxes[:, 1] + along * s + across * c,
+            np.where(normal[2] >= 0, boxes[:, 6], boxes[:, 7]),
+        )
+    )

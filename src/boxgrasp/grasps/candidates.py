@@ -14,6 +14,7 @@ from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.box import Box
 from boxgrasp.grasps.gripper import Gripper
 
+LINES = 3  # a face (thesis section 2-4)
 FACES = ("left", "front", "right", "top-parallel", "top-perpendicular")
 LEFT, FRONT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR = range(1, 6)
 
@@ -32,9 +33,17 @@ _WIDTH_AXIS = {LEFT: 0, FRONT: 1, RIGHT: 0, TOP_PARALLEL: 1, TOP_PERPENDICULAR: 
 
 @dataclass(frozen=True)
 class CandidatesConfig:
-    """How many lines a face has, and which faces may be chosen."""
+    """Which grasps are considered; section `candidates` of the configuration.
 
-    lines: Annotated[int, Meta(ge=1, le=99)] = 3
+    Attributes:
+        lines: l, lines a face (thesis: 3).
+        faces: names of the faces that may be chosen.
+
+    Raises:
+        ConfigError: a face that is none, or no face.
+    """
+
+    lines: Annotated[int, Meta(ge=1, le=99)] = LINES
     faces: tuple[str, ...] = FACES
 
     def __post_init__(self) -> None:
@@ -46,10 +55,16 @@ class CandidatesConfig:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All candidates of one box, in label order; (M,) arrays with M = 5 lines.
+    """All candidates of one box, in the order of their labels; M = 5 l.
 
-    T_base_gripper: (M, 4, 4) float64; width_m: (M,) target's width between the fingers;
-    width_axis: (M,) box axis (0 = x, 1 = y) that the fingers close on.
+    Attributes:
+        lines: l, lines a face.
+        label: (M,) int64, (face - 1) * l + line.
+        face: (M,) int64, 1 to 5.
+        line: (M,) int64, 1 to l.
+        T_base_gripper: (M, 4, 4) float64, m.
+        width_m: (M,) float64, the target's width between the fingers, m.
+        width_axis: (M,) int64, box axis that the fingers close on, 0 for x, 1 for y.
     """
 
     lines: int
@@ -61,13 +76,43 @@ class Candidates:
     width_axis: NDArray[np.int64]
 
 
+def face_name(face: int) -> str:
+    """The name of a face.
+
+    Args:
+        face: 1 to 5.
+
+    Returns:
+        One of `FACES`.
+    """
+    return FACES[face - 1]
+
+
 def label_of(face: Any, line: Any, lines: int) -> Any:
-    """(face - 1) * l + line, as table 3-4; of numbers or of arrays."""
+    """The label of a face and line (thesis table 3-4).
+
+    Args:
+        face: 1 to 5, a number or an array.
+        line: 1 to l, likewise.
+        lines: l.
+
+    Returns:
+        (face - 1) * l + line.
+    """
     return (face - 1) * lines + line
 
 
-def candidates_of(box: Box, gripper: Gripper, lines: int = 3) -> Candidates:
-    """Every option of a box with its pose, standoff away from the middle of its line."""
+def candidates_of(box: Box, gripper: Gripper, lines: int = LINES) -> Candidates:
+    """Every candidate of a box, its pose at the standoff from the middle of its line.
+
+    Args:
+        box: the target's.
+        gripper: the hand.
+        lines: l, lines a face.
+
+    Returns:
+        5 l candidates.
+    """
     faces = np.repeat(np.arange(1, 6), lines)
     steps = np.tile(np.arange(1, lines + 1), 5)
     T_box_gripper = np.tile(np.eye(4), (5 * lines, 1, 1))

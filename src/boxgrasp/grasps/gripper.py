@@ -1,10 +1,10 @@
-"""A two-finger hand as the check sees it: a box, an opening, a tool point."""
+"""A two-finger hand as the checks see it: a box, an opening, a tool point."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from msgspec import Meta
@@ -26,10 +26,19 @@ TCP_AT_FINGERTIPS: tuple[Row, Row, Row, Row] = (
 
 @dataclass(frozen=True)
 class Gripper:
-    """Gripper box and opening, meters; frame at the box center, x approach, y finger opening.
+    """The hand as one box; section `gripper` of the configuration, or a YAML file of its own.
 
-    The defaults are the thesis's: 12 cm opening, 17 cm width, 22 cm for gripper and attached
-    link (sections 3-1, 3-2). Thickness and the box centered on the pose are ours.
+    The frame's origin is the box's center, x the approach, y the finger opening. The defaults are
+    the thesis's: 12 cm opening, 17 cm width, 22 cm for gripper and attached link (sections 3-1,
+    3-2). Thickness and the box centered on the pose are ours.
+
+    Attributes:
+        length_m: along x, m.
+        width_m: along y, m.
+        thickness_m: along z, m.
+        max_opening_m: how far the fingers open, m.
+        insertion_depth_m: how far the fingertips pass the target's face, m.
+        T_gripper_tcp: 4 rows of 4, the tool point.
 
     Raises:
         GripperError: the gripper cannot hold anything, or its sizes contradict each other.
@@ -41,6 +50,11 @@ class Gripper:
     max_opening_m: Length = 0.12
     insertion_depth_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.01
     T_gripper_tcp: tuple[Row, Row, Row, Row] = TCP_AT_FINGERTIPS
+
+    RENAMED: ClassVar = {
+        "opening_m": "max_opening_m",
+        "reach_past_face_m": "insertion_depth_m",
+    }
 
     def __post_init__(self) -> None:
         for name in ("length_m", "width_m", "thickness_m", "max_opening_m"):

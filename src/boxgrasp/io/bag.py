@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.errors import CaptureError
+from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import MAX_PIXELS, check_points
 from boxgrasp.io.images import read_depth_png
@@ -290,7 +290,10 @@ def _cloud(message: Any, cloud_frame: CloudFrame) -> Capture:
     capture = Capture.from_cloud(xyz.reshape(shape), cloud_frame=cloud_frame, colors=colors)
     frame_id = str(message.header.frame_id)
     if cloud_frame == "optical" and frame_id and "optical" not in frame_id:
-        return capture.with_notes(
-            f"cloud's frame {frame_id!r:.60} is taken as a camera's optical frame"
+        return capture.with_warnings(
+            CodedWarning(
+                "frame_taken_as_optical",
+                f"cloud's frame {frame_id!r:.60} is taken as a camera's optical frame",
+            )
         )
     return capture

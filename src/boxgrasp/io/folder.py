@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.errors import CaptureError
+from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.io.images import read_color, read_depth_png, read_mask
 from boxgrasp.sensing.capture import Capture
 
@@ -32,7 +32,7 @@ def load_folder(folder: Path) -> Capture:
         CaptureError: a file is missing, damaged, or does not fit the others.
     """
     intrinsics, size = _read_intrinsics(folder / "intrinsics.json")
-    told, notes = _read_told(folder / "capture.json")
+    told, warnings = _read_told(folder / "capture.json")
     raw = read_depth_png(_regular(folder / "depth.png"), size)
     color = next((folder / name for name in _COLOR_NAMES if (folder / name).exists()), None)
     mask, robot_mask = folder / "mask.png", folder / "robot_mask.png"
@@ -45,7 +45,7 @@ def load_folder(folder: Path) -> Capture:
         target_pixel=told.get("target_pixel"),
         robot_mask=read_mask(_regular(robot_mask), size) if robot_mask.exists() else None,
     )
-    return capture.with_notes(*notes)
+    return capture.with_warnings(*warnings)
 
 
 def _regular(path: Path) -> Path:
@@ -110,17 +110,21 @@ def _any_nonzero(value: Any) -> bool:
     return isinstance(value, int | float) and value != 0
 
 
-def _read_told(path: Path) -> tuple[dict[str, Any], list[str]]:
+def _read_told(path: Path) -> tuple[dict[str, Any], list[CodedWarning]]:
     """What capture.json holds, if it is there, and a note for each key that says nothing."""
     if not path.exists():
         return {}, []
     found = _read_json(path)
     valid = ", ".join(_CAPTURE_KEYS)
     unknown = [key for key in found if key not in _CAPTURE_KEYS]
-    notes = [
-        f"{path.name} has {key!r:.40}, which is passed over; known: {valid}" for key in unknown
+    warnings = [
+        CodedWarning(
+            "unknown_capture_key",
+            f"{path.name} has {key!r:.40}, which is passed over; known: {valid}",
+        )
+        for key in unknown
     ]
-    return found, notes
+    return found, warnings
 
 
 def _depth_scale(told: dict[str, Any]) -> float:

@@ -80,10 +80,11 @@ def _apart(
 @jit
 def cells_to_uprights(
     boxes: Floats, centers: Floats, sizes: Floats, c2: float, s2: float, cap_m: float
-) -> Floats:
-    """(M,) distances to the nearest of (K,) cube cells turned by (c2, s2) about z."""
+) -> tuple[Floats, NDArray[np.int64]]:
+    """(M,) distances to the nearest of (K,) cube cells turned by (c2, s2) about z, (M,) its row."""
     count = boxes.shape[0]
     best = np.full(count, cap_m)
+    nearest = np.full(count, -1, dtype=np.int64)
     first = np.empty((4, 2))
     second = np.empty((4, 2))
     for m in range(count):
@@ -117,8 +118,11 @@ def cells_to_uprights(
                     _corner_gap(cx, cy, c, s, along, across, second),
                     _corner_gap(x, y, c2, s2, half, half, first),
                 )
-            best[m] = min(best[m], np.sqrt(gap + w * w))
-    return best
+            distance = np.sqrt(gap + w * w)
+            if distance < best[m]:
+                best[m] = distance
+                nearest[m] = i
+    return best, nearest
 
 
 @jit

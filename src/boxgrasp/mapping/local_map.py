@@ -42,7 +42,7 @@ class MappingConfig:
     free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.33
     half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.36
     height_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.54
-    center_above_plane_clearance_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
+    center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
     stride: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
 
     def lattice(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
@@ -56,9 +56,9 @@ class MappingConfig:
         s = self.resolution_m
         n = max(1, math.ceil(self.half_width_m / s - _LATTICE_SLACK))
         # Layer k spans (k - 1/2) s to (k + 1/2) s round the half sphere's center.
-        down = self.center_above_plane_clearance_m - _ABOVE_SUPPORT_M
+        down = self.center_above_support_m - _ABOVE_SUPPORT_M
         low = math.ceil(0.5 - down / s - _LATTICE_SLACK)
-        up = self.height_m - self.center_above_plane_clearance_m
+        up = self.height_m - self.center_above_support_m
         top = max(low, math.ceil(up / s - 0.5 - _LATTICE_SLACK))
         shape = (2 * n, 2 * n, top - low + 1)
         if shape[0] * shape[1] * shape[2] > _MOST_CELLS:

@@ -90,7 +90,7 @@ class Scene:
     """
 
     points: Points
-    labels: NDArray[np.int64]
+    object_numbers: NDArray[np.int64]
     clusters: NDArray[np.int64]
     objects: tuple[SceneObject, ...]
     plane: Plane
@@ -122,8 +122,24 @@ class Scene:
         far = (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
         return np.unique(self.voxel_of_above[ok][far | (np.minimum(u, v) < _BORDER_PX)])
 
+    def object_image(self) -> NDArray[np.int32]:
+        """The number of the object that each pixel shows.
+
+        Returns:
+            (H, W) int32, 0 for none.
+
+        Raises:
+            SceneError: the view has no image.
+        """
+        if self.shape is None:
+            raise SceneError("an unorganized cloud has no pixels; valid: a view with an image")
+        image = np.zeros(self.shape[0] * self.shape[1], dtype=np.int32)
+        ok = self.voxel_of_above >= 0
+        image[self.pixels[self.above[ok]]] = self.object_numbers[self.voxel_of_above[ok]]
+        return image.reshape(self.shape)
+
     @property
-    def eye_m(self) -> Floats | None:
+    def camera_position_m(self) -> Floats | None:
         """(3,) camera position in the base frame."""
         return None if self.T_base_camera is None else self.T_base_camera[:3, 3]
 
@@ -138,14 +154,14 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     points, pixels = capture.valid_points()
     place = _place(capture, points, config)
     # 2. What stands over it, in voxels of the table's own frame.
-    found, above = _over(points, invert(place.T_source_table), place.eye_m, config)
+    found, above = _over(points, invert(place.T_source_table), place.camera_position_m, config)
     first = len(found)
     for scan in scans:
         found = np.vstack((found, _scan_over(scan, place.T_base_table, config)))
     voxels, voxel_of = _voxels(found, config)
     # 3. Clusters, and their parts where things stand closer.
     colors = _voxel_colors(capture, pixels, above, voxel_of[:first], len(voxels))
-    labels = _clusters(voxels, colors, place.eye_m, config)
+    labels = _clusters(voxels, colors, place.camera_position_m, config)
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     over = patch_over(points, place.T_source_table, _middles(voxels, labels))
     points_base = transform(place.T_base_table, voxels)
@@ -160,7 +176,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         pixels = np.arange(len(points), dtype=np.int32)
     return Scene(
         points=readonly(np.ascontiguousarray(points_base[alive])),
-        labels=readonly(numbers[alive]),
+        object_numbers=readonly(numbers[alive]),
         clusters=readonly(labels[alive]),
         objects=tuple(objects),
         plane=place.plane.moved(place.T_base_source),
@@ -188,7 +204,7 @@ class _Place:
     frame: str
 
     @property
-    def eye_m(self) -> Floats | None:
+    def camera_position_m(self) -> Floats | None:
         """(3,) camera position in the table frame."""
         if self.T_base_camera is None:
             return None
@@ -419,7 +435,7 @@ def with_pixels(scene: Scene) -> tuple[SceneObject, ...]:
     width = scene.shape[1]
     ok = scene.voxel_of_above >= 0
     pixels = scene.pixels[scene.above][ok].astype(np.int64)
-    numbers = scene.labels[scene.voxel_of_above[ok]]
+    numbers = scene.object_numbers[scene.voxel_of_above[ok]]
     v, u = np.divmod(pixels, width)
     count = np.maximum(np.bincount(numbers, minlength=len(objects) + 1), 1)
     mean_u = np.bincount(numbers, u, minlength=len(objects) + 1) / count

@@ -81,7 +81,7 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
         raise TargetError(
             "no target given; valid: a pixel, mask, point or object number, or a capture with one"
         )
-    own = np.asarray(scene.labels == number)
+    own = np.asarray(scene.object_numbers == number)
     return TargetPoints(readonly(own), readonly(~own))
 
 
@@ -101,14 +101,14 @@ def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
     if place.shape != (3,) or not np.isfinite(place).all():
         raise TargetError("target point is not three finite numbers; valid: x, y, z in meters")
     away = np.linalg.norm(scene.points - place, axis=1)
-    away[scene.labels == 0] = np.inf
+    away[scene.object_numbers == 0] = np.inf
     nearest = int(np.argmin(away))
     if away[nearest] > _POINT_REACH_M:
         raise TargetError(
             f"target point is on no object (nearest is {away[nearest] * 100:.0f} cm away); "
             f"valid: within {_POINT_REACH_M * 100:.0f} cm of one"
         )
-    return int(scene.labels[nearest])
+    return int(scene.object_numbers[nearest])
 
 
 def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
@@ -134,7 +134,7 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
         raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")
     # Ties go to a pixel on an object: the one without depth was pointed at, not the table.
     voxel = window[rows, columns]
-    number = np.where(voxel >= 0, scene.labels[np.maximum(voxel, 0)], -1)
+    number = np.where(voxel >= 0, scene.object_numbers[np.maximum(voxel, 0)], -1)
     first = np.lexsort((columns, rows, number <= 0, off))[0]
     if number[first] > 0:
         return int(number[first])

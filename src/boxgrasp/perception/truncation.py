@@ -28,7 +28,7 @@ _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, d
 
 
 @dataclass(frozen=True)
-class Visibility:
+class Truncation:
     """width_known: whether the box's x and y dimensions are more than lower bounds.
 
     cut: whether the image border cuts the target.
@@ -38,7 +38,7 @@ class Visibility:
     cut: bool
 
 
-def look(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Visibility:
+def find_truncation(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Truncation:
     """Which edges of the box end at something nearer or at the border (docs/how-it-works.md).
 
     own: (K,) the target's voxels. Without an image every edge counts as seen, but the one along
@@ -52,12 +52,12 @@ def look(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Vi
             cut, edges = _edges(window, scene, box)
             for axis in edges:
                 known[axis] = False
-    eye = scene.eye_m
+    eye = scene.camera_position_m
     if eye is not None:
         along = invert(box.T_base_box)[:3, :3] @ (box.T_base_box[:3, 3] - eye)
         if eye[2] < box.T_base_box[2, 3] + box.dimensions_m[2] / 2 + _NEARER_M:
             known[int(np.argmax(np.abs(along[:2])))] = False
-    return Visibility((known[0], known[1]), cut)
+    return Truncation((known[0], known[1]), cut)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.transforms import rotation_z
+from boxgrasp.grasps.candidates import FRONT, LEFT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR
 
 RADIUS_M = 0.30
 PORTION_WIDTH_M = 0.30
@@ -22,7 +23,6 @@ LAYERS: tuple[tuple[float, int], ...] = ((0.075, 6), (0.15, 25), (0.225, 55), (0
 # Cell size of the local map that each sampling reads in the thesis.
 RESOLUTION_M = {"grid": 0.07, "spiral": 0.03, "dense": 0.03}
 
-LEFT, FRONT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR = 1, 2, 3, 4, 5
 # Turn about z from the face a portion is cut for (right, top-perpendicular) to each face: -y goes
 # to the face's outward side, and for top-parallel line 1 of the one goes to line 1 of the other.
 _TURN = {LEFT: math.pi, FRONT: -math.pi / 2, RIGHT: 0.0, TOP_PARALLEL: -math.pi / 2,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
-from boxgrasp.errors import CaptureError
+from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.sensing.validation import (
     CLOUD_FRAMES,
     Bools,
@@ -51,7 +51,7 @@ class Capture:
         colors: (N, 3) uint8 beside `points`, or None.
         cloud_frame: 'optical' (camera at the origin, z forward) or 'base'.
         cloud_shape: (H, W) of an organized cloud, or None.
-        notes: what was found degraded and mended.
+        warnings: what was found degraded and mended.
 
     Raises:
         CaptureError: anything that is not a usable view, said in one line.
@@ -68,10 +68,10 @@ class Capture:
     colors: Bytes | None = field(default=None, init=False)
     cloud_frame: CloudFrame = field(default="optical", init=False)
     cloud_shape: tuple[int, int] | None = field(default=None, init=False)
-    notes: tuple[str, ...] = field(default=(), init=False)
+    warnings: tuple[CodedWarning, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
-        depth, notes = check_depth(self.depth)
+        depth, warnings = check_depth(self.depth)
         shape = (depth.shape[0], depth.shape[1])
         robot_mask = check_mask(self.robot_mask, shape, "robot_mask")
         if robot_mask is not None and not ((depth > 0) & ~robot_mask).any():
@@ -84,7 +84,7 @@ class Capture:
             mask=check_mask(self.mask, shape, "mask"),
             target_pixel=check_pixel(self.target_pixel, shape),
             robot_mask=robot_mask,
-            notes=notes,
+            warnings=warnings,
         )
 
     @classmethod
@@ -119,7 +119,7 @@ class Capture:
         target = check_mask(mask, beside, "mask")
         robot = check_mask(robot_mask, beside, "robot_mask")
         pixel = check_pixel(target_pixel, shape)
-        keep, notes = check_cloud(xyz, cloud_frame, T)
+        keep, warnings = check_cloud(xyz, cloud_frame, T)
         if robot is not None and not (keep & ~robot.reshape(-1)).any():
             raise CaptureError("robot_mask covers every valid point; valid: the arm only")
         if shape is not None:
@@ -139,7 +139,7 @@ class Capture:
             colors=readonly(rgb) if rgb is not None else None,
             cloud_frame=cloud_frame,
             cloud_shape=shape,
-            notes=notes,
+            warnings=warnings,
         )
         return capture
 
@@ -185,12 +185,12 @@ class Capture:
             pixels = np.full(len(points), -1, np.int32)
         return readonly(points), readonly(pixels)
 
-    def with_notes(self, *notes: str) -> Capture:
-        """Copy the capture with more notes, as a reader has them."""
-        if not notes:
+    def with_warnings(self, *warnings: CodedWarning) -> Capture:
+        """Copy the capture with more warnings, as a reader has them."""
+        if not warnings:
             return self
         other = copy.copy(self)
-        other._set(notes=(*self.notes, *notes))
+        other._set(warnings=(*self.warnings, *warnings))
         return other
 
     def _set(self, **values: Any) -> None:

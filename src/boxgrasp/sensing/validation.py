@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
-from boxgrasp.errors import BoxgraspError, CaptureError
+from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning
 from boxgrasp.geometry.transforms import check_transform, invert
 
 Bools = NDArray[np.bool_]
@@ -31,8 +31,8 @@ def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
     return array
 
 
-def check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
-    """(H, W) float32 with 0 for missing, its own copy, and notes."""
+def check_depth(value: Any) -> tuple[Points, tuple[CodedWarning, ...]]:
+    """(H, W) float32 with 0 for missing, its own copy, and warnings."""
     depth = _array(value, "depth", "(height, width) float meters")
     if depth.dtype.kind != "f":
         raise CaptureError(
@@ -62,12 +62,14 @@ def check_depth(value: Any) -> tuple[Points, tuple[str, ...]]:
         raise CaptureError(_looks_like_millimeters("depth"))
     if measured == beyond:
         raise CaptureError("depth is missing at every pixel; valid: meters, above 0 where measured")
-    notes = []
+    warnings = []
     if odd:
-        notes.append(f"{odd} negative or infinite depths of {depth.size} taken as missing")
+        said = f"{odd} negative or infinite depths of {depth.size} taken as missing"
+        warnings.append(CodedWarning("depth_not_measured", said))
     if beyond:
-        notes.append(f"{beyond} depths above {FARTHEST_M} m of {depth.size} taken as missing")
-    return clean, tuple(notes)
+        said = f"{beyond} depths above {FARTHEST_M} m of {depth.size} taken as missing"
+        warnings.append(CodedWarning("depth_beyond_range", said))
+    return clean, tuple(warnings)
 
 
 def _looks_like_millimeters(name: str) -> str:
@@ -185,8 +187,8 @@ def check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
 @np.errstate(invalid="ignore", over="ignore")
 def check_cloud(
     points: Points, cloud_frame: CloudFrame, T_base_camera: Floats | None
-) -> tuple[Bools, tuple[str, ...]]:
-    """(N,) True where a point is valid, and notes."""
+) -> tuple[Bools, tuple[CodedWarning, ...]]:
+    """(N,) True where a point is valid, and warnings."""
     x, y, z = points.T
     keep = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
     odd = int(np.count_nonzero(np.isinf(points).any(axis=1))) if not keep.all() else 0
@@ -203,9 +205,10 @@ def check_cloud(
     valid = int(np.count_nonzero(keep))
     if valid == 0:
         raise CaptureError("cloud has no valid point; valid: finite meters")
-    notes = []
+    warnings = []
     if odd:
-        notes.append(f"{odd} infinite points or behind the camera, of {len(points)}, dropped")
+        said = f"{odd} infinite points or behind the camera, of {len(points)}, dropped"
+        warnings.append(CodedWarning("points_dropped", said))
     if cloud_frame == "optical":
         far = np.count_nonzero(keep & (z > _MILLIMETERS_ABOVE_M))
         keep &= z <= FARTHEST_M
@@ -217,12 +220,13 @@ def check_cloud(
             T_camera_base = invert(T_base_camera)
             ahead = kept @ T_camera_base[2, :3].astype(np.float32) > -T_camera_base[2, 3]
             if 2 * np.count_nonzero(ahead) < valid:
-                notes.append("the camera pose given looks away from most of the cloud")
+                said = "the camera pose given looks away from most of the cloud"
+                warnings.append(CodedWarning("camera_looks_away", said))
     if 2 * far > valid:
         raise CaptureError(_looks_like_millimeters("cloud"))
     if not keep.any():
         raise CaptureError(f"cloud has no point within {FARTHEST_M} m; valid: meters")
-    return keep, tuple(notes)
+    return keep, tuple(warnings)
 
 
 def in_order(

@@ -25,7 +25,7 @@ class StandIn:
     """Its habits; liking is counted in meters of room that it is metrics.
 
     face_m: liking of left, front, right, top-parallel, top-perpendicular. off_center_m: what the
-    outermost lines cost. enough_m: room beyond which more is no better. eye_m: standard deviation
+    outermost lines cost. enough_m: room beyond which more is no better. camera_position_m: standard deviation
     of its judgment of room; mood_m: of its liking. into_table_m: how far under the table's top a
     hand would have to be for it to see that.
     """
@@ -33,7 +33,7 @@ class StandIn:
     face_m: tuple[float, float, float, float, float] = (0.0, 0.042, 0.0, 0.035, 0.02)
     off_center_m: float = 0.015
     enough_m: float = 0.12
-    eye_m: float = 0.003
+    camera_position_m: float = 0.003
     mood_m: float = 0.002
     into_table_m: float = 0.01
 
@@ -51,7 +51,9 @@ class StandIn:
         candidates = shown.candidates
         hands = hand_distance.uprights(candidates.T_base_gripper, shown.gripper.half_m)
         room = hand_distance.to_points(hands, shown.points)[0]
-        room = np.minimum(room + self.eye_m * rng.standard_normal(len(room)), self.enough_m)
+        room = np.minimum(
+            room + self.camera_position_m * rng.standard_normal(len(room)), self.enough_m
+        )
         low = hands[:, 6] - shown.table_m < -self.into_table_m
         middle = (candidates.lines + 1) / 2
         off_center = np.abs(candidates.line - middle) / max(middle - 1.0, 1.0)

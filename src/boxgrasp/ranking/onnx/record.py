@@ -13,7 +13,7 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.features import FeatureSchema
 from boxgrasp.strict import build, plain
 
-FORMAT = 1
+FORMAT = 2
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Count = Annotated[int, Meta(ge=1)]

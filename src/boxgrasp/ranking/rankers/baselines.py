@@ -18,6 +18,8 @@ class TopDown(Ranker):
     The rest follows by label. Its confidence falls evenly along the order and says nothing else.
     """
 
+    name = "top-down"
+
     def rank(self, context: RankingContext) -> Ranking:
         """Order by being a top face's middle line, then by width, then by label."""
         candidates = context.candidates
@@ -32,9 +34,11 @@ class TopDown(Ranker):
 class Random(Ranker):
     """Chance: each order is as likely as another, drawn from a seed made of the box itself.
 
-    The same view gives the same order; another scene gives another. Sure of nothing: each candidate
-    has the same confidence.
+    The same view gives the same order; another scene gives another. Each candidate has the same
+    confidence.
     """
+
+    name = "random"
 
     def rank(self, context: RankingContext) -> Ranking:
         """A permutation that depends on the box's place and size, to 0.1 mm, alone."""

@@ -1,0 +1,24 @@
+"""Only the faces that the user allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxgrasp.grasps.candidates import FACES
+from boxgrasp.grasps.checks.check import Check, CheckResult
+from boxgrasp.grasps.checks.context import CheckContext
+
+
+@dataclass(frozen=True)
+class AllowedFaces(Check):
+    """The candidate is on one of the named faces."""
+
+    faces: tuple[str, ...]
+    name = "allowed_faces"
+
+    def evaluate(self, context: CheckContext) -> CheckResult:
+        """Yes on an allowed face."""
+        allowed = [FACES.index(face) + 1 for face in self.faces]
+        return CheckResult.yes_no(np.isin(context.candidates.face, allowed))

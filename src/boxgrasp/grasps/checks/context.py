@@ -1,0 +1,164 @@
+"""What the checks of one view share; each distance is measured once, when first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.geometry import hand_distance
+from boxgrasp.geometry.box import Box
+from boxgrasp.grasps.candidates import Candidates
+from boxgrasp.grasps.checks.check import NO_OBJECT, Witness
+from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.mapping.local_map import LocalMap
+from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
+from boxgrasp.perception.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """What is nearest to each of M hands.
+
+    Attributes:
+        distance_m: (M,) float64, capped at 0.50, 0 inside.
+        witness: which object, and where.
+    """
+
+    distance_m: Floats
+    witness: Witness
+
+    def or_nearer(self, other: Nearest) -> Nearest:
+        """The nearer of two, hand by hand; this one where they are equal."""
+        closer = other.distance_m < self.distance_m
+        return Nearest(
+            np.minimum(self.distance_m, other.distance_m),
+            Witness(
+                np.where(closer, other.witness.objects, self.witness.objects),
+                np.where(closer[:, None], other.witness.points_m, self.witness.points_m),
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CheckContext:
+    """The candidates of one view, and all that is known round them; base frame, m.
+
+    Attributes:
+        candidates: the M candidates.
+        gripper: the hand.
+        box: the target's box.
+        scene: the support plane and what stands on it.
+        obstacle_mask: (K,) bool, which of the scene's points are obstacles.
+        local_map: occupied, free and unseen cells round the target.
+        local_maps: local maps by their cell size, m, those that checks asked for among them.
+        map_obstacles: occupied cells of a map file that no point explains.
+        width_known: whether the box's x and y dimensions are more than lower bounds.
+    """
+
+    candidates: Candidates
+    gripper: Gripper
+    box: Box
+    scene: Scene
+    obstacle_mask: NDArray[np.bool_]
+    local_map: LocalMap
+    local_maps: Mapping[float, LocalMap]
+    map_obstacles: MapObstacles
+    width_known: tuple[bool, bool]
+
+    @cached_property
+    def hands(self) -> Floats:
+        """(M, 8) the hand's box at each candidate, as `hand_distance.uprights` gives it."""
+        return self.swept_hands(0.0)
+
+    def swept_hands(self, back_m: float) -> Floats:
+        """(M, 8) the space that the hand's box passes over its last `back_m` of approach."""
+        T = self.candidates.T_base_gripper
+        return readonly(hand_distance.uprights(T, self.gripper.half_m, back_m))
+
+    @cached_property
+    def obstacle_points(self) -> Points:
+        """(N, 3) float32 visible points of all obstacles."""
+        return readonly(np.ascontiguousarray(self.scene.points[self.obstacle_mask]))
+
+    @cached_property
+    def obstacle_objects(self) -> NDArray[np.int64]:
+        """(N,) number of the object of each obstacle point, 0 for none."""
+        return readonly(self.scene.object_numbers[self.obstacle_mask])
+
+    @cached_property
+    def _columns(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """(N, 4) hidden bodies as columns x, y, z low, z high, and (N,) object numbers."""
+        behind, objects = deepened(self.scene, self.obstacle_mask, self.box, self.local_map)
+        under = columns_under(self.obstacle_points, self.local_map, self.scene.plane)
+        return np.vstack((under, behind)), np.concatenate((self.obstacle_objects, objects))
+
+    @cached_property
+    def unseen_cells(self) -> Floats:
+        """(U, 3) centers of the local map's cells that may hold something unseen."""
+        return readonly(unseen_cells(self.local_map, self.box))
+
+    @cached_property
+    def visible(self) -> Nearest:
+        """The visible obstacle nearest to each hand, occupied cells of a map file included."""
+        distance, row = hand_distance.to_points(self.hands, self.obstacle_points)
+        near = Nearest(distance, self._witness(row, self.obstacle_points, self.obstacle_objects))
+        return near.or_nearer(self._map_cells(self.hands)) if len(self.map_obstacles) else near
+
+    @cached_property
+    def occluded(self) -> Nearest:
+        """The visible obstacle or hidden body nearest to each hand."""
+        return self._bodies(self.hands).or_nearer(self.visible)
+
+    def on_the_way(self, back_m: float) -> Nearest:
+        """The obstacle or hidden body nearest to each hand over its last `back_m` of approach."""
+        swept = self.swept_hands(back_m)
+        near = self._bodies(swept)
+        return near.or_nearer(self._map_cells(swept)) if len(self.map_obstacles) else near
+
+    @cached_property
+    def unseen(self) -> Nearest:
+        """The obstacle, hidden body or unseen cell nearest to each hand."""
+        edges = np.full(len(self.unseen_cells), self.local_map.resolution_m)
+        cells = self._cells(self.hands, self.unseen_cells, edges, self.box.yaw_rad)
+        return self.occluded.or_nearer(cells)
+
+    def _bodies(self, hands: Floats) -> Nearest:
+        columns, objects = self._columns
+        distance, row = hand_distance.to_columns(hands, columns)
+        middle = (hands[:, 6] + hands[:, 7]) / 2
+        known = np.maximum(row, 0)
+        points = np.full((len(hands), 3), np.nan)
+        if len(columns):
+            points[:, :2] = columns[known, :2]
+            points[:, 2] = np.clip(middle, columns[known, 2], columns[known, 3])
+        return Nearest(distance, self._witness(row, points, objects, of_rows=False))
+
+    def _map_cells(self, hands: Floats) -> Nearest:
+        return self._cells(hands, self.map_obstacles.centers_m, self.map_obstacles.edges_m, 0.0)
+
+    def _cells(self, hands: Floats, centers_m: Floats, edges_m: Floats, yaw_rad: float) -> Nearest:
+        distance, row = hand_distance.to_cells(hands, centers_m, edges_m, yaw_rad)
+        return Nearest(distance, self._witness(row, centers_m, None))
+
+    @staticmethod
+    def _witness(
+        row: NDArray[np.int64],
+        points: Points | Floats,
+        objects: NDArray[np.int64] | None,
+        *,
+        of_rows: bool = True,
+    ) -> Witness:
+        """The witness of nearest rows, -1 for none; points: by row, or by hand."""
+        some, known = row >= 0, np.maximum(row, 0)
+        numbers = np.full(len(row), NO_OBJECT)
+        if objects is not None and len(objects):
+            numbers = np.where(some, objects[known], NO_OBJECT)
+        places = np.full((len(row), 3), np.nan)
+        if len(points):
+            places = np.where(some[:, None], points[known] if of_rows else points, np.nan)
+        return Witness(readonly(numbers), readonly(places.astype(np.float64)))

@@ -1,0 +1,21 @@
+"""Clear of the hidden bodies under and behind what is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from boxgrasp.grasps.checks.check import Check, CheckResult
+from boxgrasp.grasps.checks.context import CheckContext
+
+
+@dataclass(frozen=True)
+class OccludedClearance(Check):
+    """The hand's box keeps `limit_m` from obstacles, their hidden sides included."""
+
+    limit_m: float
+    name = "occluded_clearance"
+
+    def evaluate(self, context: CheckContext) -> CheckResult:
+        """Distances to the nearest visible obstacle or hidden body."""
+        near = context.occluded
+        return CheckResult.at_least(near.distance_m, self.limit_m, near.witness)

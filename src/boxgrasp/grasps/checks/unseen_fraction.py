@@ -1,0 +1,31 @@
+"""Mostly in space that was seen to be free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxgrasp.grasps.checks.check import Check, CheckResult
+from boxgrasp.grasps.checks.context import CheckContext
+from boxgrasp.kernels.uprights import filled_shares
+from boxgrasp.mapping.local_map import FREE
+
+
+@dataclass(frozen=True)
+class UnseenFraction(Check):
+    """At most `limit` of the hand's box, grown by `grow_m`, is unseen space."""
+
+    limit: float
+    grow_m: float
+    name = "unseen_fraction"
+
+    def evaluate(self, context: CheckContext) -> CheckResult:
+        """Fractions from 0 to 1; all 0 where no cell is free, since no camera is known."""
+        local_map = context.local_map
+        fraction = filled_shares(
+            context.hands, context.unseen_cells, local_map.resolution_m, self.grow_m
+        )
+        if not np.any(local_map.state == FREE):  # the answer warns instead
+            fraction = np.zeros(len(fraction))
+        return CheckResult.at_most(fraction, self.limit, unit="fraction")

@@ -1,0 +1,21 @@
+"""Clear of what is seen (thesis section 3-4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from boxgrasp.grasps.checks.check import Check, CheckResult
+from boxgrasp.grasps.checks.context import CheckContext
+
+
+@dataclass(frozen=True)
+class VisibleClearance(Check):
+    """The hand's box keeps `limit_m` from every visible obstacle point and occupied map cell."""
+
+    limit_m: float
+    name = "visible_clearance"
+
+    def evaluate(self, context: CheckContext) -> CheckResult:
+        """Distances to the nearest visible obstacle."""
+        near = context.visible
+        return CheckResult.at_least(near.distance_m, self.limit_m, near.witness)

@@ -1,0 +1,228 @@
+"""The thesis's versions: which SVMs each has, and the order of candidates that they give.
+
+One path for `select`, training and the study: scenes come as what their maps say at the samples,
+one or many at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Floats, Points
+from boxgrasp.errors import BoxgraspError, ModelError
+from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
+from boxgrasp.mapping.local_map import LocalMap
+from boxgrasp.ranking.features import (
+    FeatureSchema,
+    line_features,
+    line_schema,
+    single_features,
+    single_schema,
+)
+from boxgrasp.ranking.onnx.model import Model, cascaded, load_model, ranked
+from boxgrasp.ranking.onnx.record import check_fits, model_name
+from boxgrasp.ranking.sampling import is_side, portion, sampling
+
+Labels = NDArray[np.int64]
+Part = Literal["single", "face", "side", "top"]
+PARTS: tuple[Part, ...] = ("single", "face", "side", "top")
+SAMPLINGS = ("spiral", "grid")
+FACES = range(1, 6)
+
+
+@dataclass(frozen=True)
+class Svm:
+    """One of the thesis's eight SVMs.
+
+    Attributes:
+        number: as in figure B-4.
+        sampling: `spiral` or `grid`.
+        part: what it decides: all at once, or the cascade's face, side line or top line.
+    """
+
+    number: int
+    sampling: str
+    part: Part
+
+    @property
+    def version(self) -> str:
+        """The algorithm version it belongs to (table 3-3)."""
+        return f"{'single' if self.part == 'single' else 'cascade'}-{self.sampling}"
+
+    @property
+    def name(self) -> str:
+        """Its file's name without the ending."""
+        return model_name(self.version, self.part)
+
+    @property
+    def schema(self) -> FeatureSchema:
+        """What its features are."""
+        points = sampling(self.sampling)
+        if self.part in ("single", "face"):
+            return single_schema(points)
+        return line_schema(points, LEFT if self.part == "side" else TOP_PARALLEL)
+
+
+SVMS = tuple(
+    Svm(2 * step + k + 1, name, part)
+    for step, part in enumerate(PARTS)
+    for k, name in enumerate(SAMPLINGS)
+)
+VERSIONS = ("single-spiral", "cascade-spiral", "single-grid", "cascade-grid")
+
+
+@dataclass(frozen=True, eq=False)
+class SampledScenes:
+    """What the local maps of N scenes say at the points of one sampling.
+
+    Attributes:
+        whole: (N, P) float32, 0 free, 1 occupied, 0.5 else, of every sample.
+        portions: by face, 1 to 5, (N, p) float32 of the samples before that face.
+        dimensions_m: (N, 3) of the targets' boxes, m.
+    """
+
+    whole: Points
+    portions: Mapping[int, Points]
+    dimensions_m: Floats
+
+    @staticmethod
+    def of_map(local_map: LocalMap, dimensions_m: Floats, name: str) -> SampledScenes:
+        """One scene, from its local map.
+
+        Args:
+            local_map: round the target.
+            dimensions_m: (3,) of its box, m.
+            name: of the sampling.
+
+        Returns:
+            N = 1.
+        """
+        points = sampling(name)
+        return SampledScenes(
+            local_map.values_at(points)[None],
+            {face: local_map.values_at(portion(points, face))[None] for face in FACES},
+            dimensions_m[None],
+        )
+
+
+class Decider(Protocol):
+    """A trained classifier."""
+
+    @property
+    def classes(self) -> tuple[int, ...]:
+        """Classes as trained, rising."""
+
+    def decide(self, X: Points) -> tuple[Labels, Floats]:
+        """(N,) predictions and (N, K) decision values in the order of `classes`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelSet:
+    """The deciders of one version.
+
+    Attributes:
+        sampling: `spiral` or `grid`.
+        largest_edge_m: what box dimensions are divided by; None for each box's own.
+        parts: deciders by part: `single`, or `face`, `side` and `top`.
+        lines: l, lines a face.
+    """
+
+    sampling: str
+    largest_edge_m: float | None
+    parts: Mapping[Part, Decider]
+    lines: int
+
+    def order(self, scenes: SampledScenes) -> tuple[Labels, Floats]:
+        """Every candidate of N scenes, best first.
+
+        First the prediction, then by the decision values. Confidence is the share of
+        one-against-one contests that a candidate won, 0 for one never seen in training; a
+        cascade's lines share what lies between their face's confidence and the next face's. It
+        never rises along the order, and is no probability.
+
+        Args:
+            scenes: N of them.
+
+        Returns:
+            (N, 5 l) int64 labels and (N, 5 l) float64 confidences in the same order.
+        """
+        whole = single_features(scenes.whole, scenes.dimensions_m, self.largest_edge_m)
+        if "single" in self.parts:
+            return _decided(self.parts["single"], whole, 5 * self.lines)
+        faces, face_shares = _decided(self.parts["face"], whole, 5)
+        decided = [self._lines(scenes, face) for face in FACES]
+        lines, line_shares = (np.stack(pair, axis=1) for pair in zip(*decided, strict=True))
+        after = np.append(face_shares[:, 1:], np.zeros((len(faces), 1)), axis=1)
+        between = face_shares - after
+        chosen = np.take_along_axis(line_shares, (faces - 1)[:, :, None], axis=1)
+        confidence = after[:, :, None] + between[:, :, None] * chosen
+        return cascaded(faces, lines), confidence.reshape(len(faces), -1)
+
+    def _lines(self, scenes: SampledScenes, face: int) -> tuple[Labels, Floats]:
+        """(N, l) lines of one face, best first, and their shares."""
+        X = line_features(scenes.portions[face], scenes.dimensions_m, face, self.largest_edge_m)
+        return _decided(self.parts["side" if is_side(face) else "top"], X, self.lines)
+
+
+def _decided(decider: Decider, X: Points, count: int) -> tuple[Labels, Floats]:
+    """(N, count) labels, best first, and the share of contests each won, never rising."""
+    label, decision = decider.decide(X)
+    labels = ranked(label, decision, decider.classes, range(1, count + 1))
+    won = np.zeros((len(X), count))
+    won[:, np.array(decider.classes) - 1] = decision / max(len(decider.classes) - 1, 1)
+    shares = np.take_along_axis(np.clip(won, 0.0, 1.0), labels - 1, axis=1)
+    return labels, np.minimum.accumulate(shares, axis=1)
+
+
+def read_models(version: str, read: Callable[[str], bytes]) -> dict[Part, Model]:
+    """The trained models of a version by part.
+
+    Args:
+        version: one of `VERSIONS`.
+        read: gives a file's bytes by its name.
+
+    Returns:
+        `single`, or `face`, `side` and `top`.
+
+    Raises:
+        ModelError: a file that is no such model, or does not fit the features or the other parts.
+        BoxgraspError: as `read` raises it.
+    """
+    models: dict[Part, Model] = {}
+    for svm in SVMS:
+        if svm.version != version:
+            continue
+        data = read(f"{svm.name}.onnx")
+        try:
+            model = load_model(data)
+            if model.record.name != svm.name:
+                raise ModelError(f"holds {model.record.name}; valid: {svm.name}")
+            check_fits(model.record, svm.schema)
+        except BoxgraspError as error:
+            raise type(error)(f"{svm.name}.onnx: {error}") from None
+        models[svm.part] = model
+    made = {(model.record.lines, model.record.largest_edge_m or 0.0) for model in models.values()}
+    if len(made) > 1:
+        raise ModelError(
+            f"parts of {version} were trained apart (lines and longest edge: {sorted(made)}); "
+            "valid: parts of one training"
+        )
+    return models
+
+
+def model_set_of(models: Mapping[Part, Model]) -> ModelSet:
+    """The set that a version's models make.
+
+    Args:
+        models: by part, of one training, as `read_models` gives them.
+
+    Returns:
+        The set.
+    """
+    record = next(iter(models.values())).record
+    return ModelSet(record.sampling, record.largest_edge_m, dict(models), record.lines)
