@@ -26,7 +26,7 @@ from sklearn.svm import SVC
 from boxgrasp.errors import BoxgraspError, ModelError
 from boxgrasp.ranking.features import FeatureSchema
 from boxgrasp.ranking.onnx.model import DIGEST_KEY, RECORD_KEY, cascaded, digest, load_model, ranked
-from boxgrasp.ranking.onnx.record import FORMAT, Record, check_fits, from_json, to_json
+from boxgrasp.ranking.onnx.record import FORMAT, Record, from_json, to_json, validate_fits
 from boxgrasp.teaching.export import to_onnx
 
 
@@ -262,10 +262,10 @@ def test_records_that_are_none(text: bytes) -> None:
 
 def test_another_schema_is_refused_with_both_named() -> None:
     _, record = trained("single-grid", "single")
-    check_fits(record, schema_of("single-grid", "single"))
+    validate_fits(record, schema_of("single-grid", "single"))
     spiral = schema_of("single-spiral", "single")
     with pytest.raises(ModelError) as error:
-        check_fits(record, spiral)
+        validate_fits(record, spiral)
     text = one_line(error)
     for schema in (schema_of("single-grid", "single"), spiral):
         assert f"{len(schema)} of schema {schema.hash[:16]}" in text.replace("features ", "")
@@ -278,10 +278,10 @@ def test_the_first_difference_of_schemas() -> None:
     names = list(record.features)
     longer = FeatureSchema((*names, "smell"))
     with pytest.raises(ModelError, match="feature 187 is none there, smell here"):
-        check_fits(record, longer)
+        validate_fits(record, longer)
     names[99] = "taste"
     with pytest.raises(ModelError) as error:
-        check_fits(record, FeatureSchema(tuple(names)))
+        validate_fits(record, FeatureSchema(tuple(names)))
     assert f"feature 99 is {record.features[99]} there, taste here" in one_line(error)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.errors import BoxgraspError, CodedWarning
-from boxgrasp.geometry.transforms import check_transform
+from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.grasps.checks.check import Rejection, spelled
 from boxgrasp.grasps.gripper import Gripper
@@ -538,7 +538,7 @@ def _optional(read: Callable[[Any, str], Any], data: Mapping[str, Any], name: st
 
 
 def _transform(data: Mapping[str, Any], name: str) -> Floats:
-    return check_transform(data[name], name)
+    return validate_transform(data[name], name)
 
 
 def _array(data: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Floats:

@@ -32,7 +32,7 @@ def build(kind: type[D], data: Any, origin: str, error: type[BoxgraspError]) -> 
         error: unknown keys at any depth, wrong types, values out of range.
     """
     try:
-        data = _checked(kind, {} if data is None else data, ())
+        data = _validated(kind, {} if data is None else data, ())
         return msgspec.convert(data, type=kind)
     except _FaultError as fault:
         raise error(f"{origin}: {fault}") from None
@@ -46,7 +46,7 @@ class _FaultError(Exception):
     """What is wrong with the data, without the name of the file it came from."""
 
 
-def _checked(kind: Any, data: Any, place: Place) -> Any:
+def _validated(kind: Any, data: Any, place: Place) -> Any:
     """The data with unknown keys refused at every level, and empty sections made empty maps."""
     section = _section(kind)
     if section is not None and (data is None or isinstance(data, Mapping)):
@@ -58,11 +58,11 @@ def _checked(kind: Any, data: Any, place: Place) -> Any:
         for key in data:
             if key not in names:
                 raise _FaultError(_unknown(key, section, names, place))
-        return {key: _checked(hints[key], value, (*place, key)) for key, value in data.items()}
+        return {key: _validated(hints[key], value, (*place, key)) for key, value in data.items()}
     if isinstance(data, list | tuple) and kind is not Any:
         items = _item_kinds(kind)
         pairs = zip(items, data, strict=False)
-        return [_checked(item, value, (*place, i)) for i, (item, value) in enumerate(pairs)]
+        return [_validated(item, value, (*place, i)) for i, (item, value) in enumerate(pairs)]
     if isinstance(data, float) and not math.isfinite(data):
         raise _FaultError(f"{_spell(place)} is {data}; valid: a finite number")
     return data

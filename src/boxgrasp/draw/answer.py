@@ -12,7 +12,7 @@ from boxgrasp.draw.backdrops import Cloud, base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import Canvas
 from boxgrasp.draw.evidence import Mark, dot_obstacles, draw_evidence, evidence_of
 from boxgrasp.draw.marks import draw_box, draw_candidates, draw_gripper
-from boxgrasp.draw.page import Page, save, suffix_checked
+from boxgrasp.draw.page import Page, save, validated_suffix
 from boxgrasp.draw.palette import BLACK, BLOCKED, GRIPPER, RGB, WHITE
 from boxgrasp.draw.scales import draw_grid
 from boxgrasp.draw.shapes import corners
@@ -47,7 +47,7 @@ def draw_selection(
     Raises:
         BoxgraspError: the path cannot be written, or its suffix is no image's.
     """
-    target = suffix_checked(path)
+    target = validated_suffix(path)
     image = _Answer(capture, selection, gripper if gripper is not None else Gripper()).drawn()
     save(image, target)
     return image

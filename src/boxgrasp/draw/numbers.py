@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 from boxgrasp.arrays import Floats
 from boxgrasp.draw.backdrops import base_cloud, camera_panel, painted
 from boxgrasp.draw.canvas import XY, Canvas, fit, text_size
-from boxgrasp.draw.page import HEADER, MARGIN, WIDTH, banner, blank, save, suffix_checked
+from boxgrasp.draw.page import HEADER, MARGIN, WIDTH, banner, blank, save, validated_suffix
 from boxgrasp.draw.palette import BLACK, FAINT, GRIPPER, INK, PAPER, RULE, WHITE
 from boxgrasp.draw.scales import draw_grid
 from boxgrasp.draw.shapes import EDGES, corners
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.errors import BoxgraspError
-from boxgrasp.geometry.transforms import check_transform, invert, make_transform
+from boxgrasp.geometry.transforms import invert, make_transform, validate_transform
 from boxgrasp.perception.scene import SceneConfig, SceneObject
 from boxgrasp.perception.support_plane import find_support_plane, support_frame
 from boxgrasp.sensing.capture import Capture
@@ -47,9 +47,9 @@ def draw_objects(
         BoxgraspError: the path cannot be written, or its suffix is no image's; a transform that
             is none.
     """
-    target = suffix_checked(path)
+    target = validated_suffix(path)
     if T_base_camera is not None:
-        T: Floats | None = check_transform(T_base_camera, "T_base_camera")
+        T: Floats | None = validate_transform(T_base_camera, "T_base_camera")
     else:
         T = capture.T_base_camera if capture.T_base_camera is not None else _support_pose(capture)
     image = _drawn(capture, objects, T)

@@ -38,7 +38,7 @@ SUFFIXES: Final = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEB
 _MOST_COLUMNS = 4
 
 
-def suffix_checked(path: str | os.PathLike[str] | None) -> Path | None:
+def validated_suffix(path: str | os.PathLike[str] | None) -> Path | None:
     """The path, with a suffix that names an image format and a folder that is there.
 
     Raises:

@@ -41,7 +41,7 @@ def transform(T_a_b: Floats, points: Array) -> Array:
     return np.asarray(moved, dtype=points.dtype)
 
 
-def check_transform(T: ArrayLike, name: str) -> Floats:
+def validate_transform(T: ArrayLike, name: str) -> Floats:
     """A read-only copy of a rigid (4, 4) transform.
 
     Raises:

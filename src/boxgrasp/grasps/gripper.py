@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, GripperError
-from boxgrasp.geometry.transforms import check_transform
+from boxgrasp.geometry.transforms import validate_transform
 
 Length = Annotated[float, Meta(gt=0.0, le=1.0)]
 Row = tuple[float, float, float, float]
@@ -72,7 +72,7 @@ class Gripper:
                 f"anything; valid: above 0, below length_m {self.length_m}"
             )
         try:
-            check_transform(self.T_gripper_tcp, "T_gripper_tcp")
+            validate_transform(self.T_gripper_tcp, "T_gripper_tcp")
         except BoxgraspError as error:
             raise GripperError(str(error)) from None
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.io.colors import unpack_rgb
-from boxgrasp.io.extent import MAX_PIXELS, check_points
+from boxgrasp.io.extent import MAX_PIXELS, validate_points
 from boxgrasp.io.images import read_depth_png
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
@@ -264,7 +264,7 @@ def _cloud(message: Any, cloud_frame: CloudFrame) -> Capture:
     """A capture of a PointCloud2, organized where its height is above 1."""
     width, height = int(message.width), int(message.height)
     point, row = int(message.point_step), int(message.row_step)
-    check_points(width * height, row * height, len(message.data))
+    validate_points(width * height, row * height, len(message.data))
     if row < width * point:
         raise CaptureError(f"cloud has rows of {row} bytes for {width} points of {point}")
     order = ">" if message.is_bigendian else "<"

@@ -20,7 +20,7 @@ def remaining_bytes(stream: IO[bytes]) -> int:
     return end - here
 
 
-def check_points(count: int, bytes_needed: int, bytes_there: int) -> None:
+def validate_points(count: int, bytes_needed: int, bytes_there: int) -> None:
     """Refuse a cloud that cannot be held, or that the file is too short for.
 
     Raises:

@@ -14,7 +14,7 @@ from boxgrasp.arrays import Floats
 from boxgrasp.errors import CaptureError
 from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.io.colors import unpack_rgb
-from boxgrasp.io.extent import check_points, header_lines, remaining_bytes
+from boxgrasp.io.extent import header_lines, remaining_bytes, validate_points
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
 
@@ -33,7 +33,7 @@ def load_pcd(path: Path, cloud_frame: CloudFrame) -> Capture:
         CaptureError: damaged, truncated, no x y z, or no usable cloud.
     """
     with path.open("rb") as stream:
-        header = _check_header(stream)
+        header = _validate_header(stream)
         count = int(header["POINTS"][0])
         T_base_camera = _viewpoint(header.get("VIEWPOINT", []))
         messy = header["DATA"][0] == "ascii" and _is_messy(stream)
@@ -66,7 +66,7 @@ def _read(stream: IO[bytes]) -> NDArray[np.void]:
     return np.atleast_1d(cloud.pc_data)
 
 
-def _check_header(stream: IO[bytes]) -> dict[str, list[str]]:
+def _validate_header(stream: IO[bytes]) -> dict[str, list[str]]:
     """The header's words by key, once its sizes agree with each other and with the file."""
     lines = header_lines(stream, "DATA")
     words = [line.split() for line in lines if line and not line.startswith("#")]
@@ -95,20 +95,20 @@ def _check_header(stream: IO[bytes]) -> dict[str, list[str]]:
     (points, *_) = _integers(header, "POINTS")
     if width * height != points or min(width, height) < 0:
         raise CaptureError(f"PCD has {points} points for {width} x {height}; valid: their product")
-    _check_size(stream, encoding, points, record, sum(counts))
+    _validate_size(stream, encoding, points, record, sum(counts))
     return header
 
 
-def _check_size(stream: IO[bytes], encoding: str, points: int, record: int, values: int) -> None:
+def _validate_size(stream: IO[bytes], encoding: str, points: int, record: int, values: int) -> None:
     there, start = remaining_bytes(stream), stream.tell()
     if encoding == "ascii":
-        check_points(points, 2 * values * points - 1, there)
+        validate_points(points, 2 * values * points - 1, there)
     elif encoding == "binary":
-        check_points(points, record * points, there)
+        validate_points(points, record * points, there)
     else:
-        check_points(points, 8, there)
+        validate_points(points, 8, there)
         packed, unpacked = struct.unpack("<II", stream.read(8))
-        check_points(points, packed, there - 8)
+        validate_points(points, packed, there - 8)
         if unpacked != record * points or unpacked > _LZF_RATIO * packed + 64:
             raise CaptureError(
                 f"PCD unpacks to {unpacked} bytes for {points} points of {record}; damaged"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError
-from boxgrasp.io.extent import check_points, header_lines, remaining_bytes
+from boxgrasp.io.extent import header_lines, remaining_bytes, validate_points
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
 
@@ -122,7 +122,7 @@ def _read_binary(
     skipped = sum(e.count * sum(int(kind[1]) for _, kind in e.properties) for e in before)
     dtype = np.dtype([(name, order + kind) for name, kind in vertex.properties])
     there = remaining_bytes(stream) - skipped
-    check_points(vertex.count, vertex.count * dtype.itemsize, there)
+    validate_points(vertex.count, vertex.count * dtype.itemsize, there)
     stream.seek(skipped, 1)
     return np.frombuffer(stream.read(vertex.count * dtype.itemsize), dtype)
 
@@ -131,7 +131,7 @@ def _read_ascii(
     stream: IO[bytes], before: list[_Element], vertex: _Element, wanted: tuple[str, ...]
 ) -> dict[str, NDArray[Any]]:
     names = [name for name, _ in vertex.properties]
-    check_points(vertex.count, 2 * len(names) * vertex.count - 1, remaining_bytes(stream))
+    validate_points(vertex.count, 2 * len(names) * vertex.count - 1, remaining_bytes(stream))
     for element in before:
         if element.count > remaining_bytes(stream):
             raise CaptureError(f"PLY claims {element.count} of {element.name}; truncated")

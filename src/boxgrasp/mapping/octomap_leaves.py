@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, readonly
-from boxgrasp.geometry.transforms import check_transform
+from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.kernels import rays
 from boxgrasp.mapping.local_map import LocalMap, MappingConfig, local_map_of, log_odds
 
@@ -84,7 +84,7 @@ def map_from_octomap(
     obstacle check takes them from `MapCells.occupied`.
     """
     config = config or MappingConfig()
-    T = check_transform(T_base_map, "T_base_map")
+    T = validate_transform(T_base_map, "T_base_map")
     lowest, shape = config.lattice()
     s = config.resolution_m
     index = np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import MapError
-from boxgrasp.geometry.transforms import check_transform, invert
+from boxgrasp.geometry.transforms import invert, validate_transform
 from boxgrasp.kernels import rays
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.mapping.local_map import Flags, LocalMap, MappingConfig, local_map_of, log_odds
@@ -42,7 +42,7 @@ def build_local_map(
     the points in the lattice frame, in every cell.
     """
     config = config or MappingConfig()
-    T = check_transform(T_base_map, "T_base_map")
+    T = validate_transform(T_base_map, "T_base_map")
     lowest, shape = config.lattice()
     values, known = insert_scans(
         scans,

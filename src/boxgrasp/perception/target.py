@@ -66,7 +66,7 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
     """
     chosen = target or Target()
     if chosen.mask is not None:
-        return _under_mask(scene, capture, _checked_mask(capture, chosen.mask))
+        return _under_mask(scene, capture, _validated_mask(capture, chosen.mask))
     if chosen.object is not None:
         number = _known_number(scene, chosen.object)
     elif chosen.point is not None:
@@ -160,7 +160,7 @@ def _off_plane(scene: Scene, pixel: int) -> bool:
     return bool(scene.plane.heights(point)[0] > _CLEARLY_M)
 
 
-def _checked_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
+def _validated_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
     shape = capture.shape
     if shape is None and capture.points is not None:
         shape = (len(capture.points),)  # type: ignore[assignment]

@@ -25,7 +25,7 @@ from boxgrasp.ranking.features import (
     single_schema,
 )
 from boxgrasp.ranking.onnx.model import Model, cascaded, load_model, ranked
-from boxgrasp.ranking.onnx.record import check_fits, model_name
+from boxgrasp.ranking.onnx.record import model_name, validate_fits
 from boxgrasp.ranking.sampling import is_side, portion, sampling
 
 Labels = NDArray[np.int64]
@@ -202,7 +202,7 @@ def read_models(version: str, read: Callable[[str], bytes]) -> dict[Part, Model]
             model = load_model(data)
             if model.record.name != svm.name:
                 raise ModelError(f"holds {model.record.name}; valid: {svm.name}")
-            check_fits(model.record, svm.schema)
+            validate_fits(model.record, svm.schema)
         except BoxgraspError as error:
             raise type(error)(f"{svm.name}.onnx: {error}") from None
         models[svm.part] = model

@@ -44,8 +44,8 @@ def grid(resolution_m: float = 0.07, radius_m: float = RADIUS_M) -> Floats:
         ConfigError: spacing or radius not positive, or more than 200 steps a radius.
     """
     s = resolution_m
-    _check_positive("sample spacing", s)
-    _check_positive("half sphere radius", radius_m)
+    _validate_positive("sample spacing", s)
+    _validate_positive("half sphere radius", radius_m)
     if radius_m / s > _MOST_STEPS:
         raise ConfigError(
             f"sample spacing is {s} m; valid: at least radius / {_MOST_STEPS} = "
@@ -78,7 +78,7 @@ def spiral(layers: tuple[tuple[float, int], ...] = LAYERS) -> Floats:
     golden = math.pi * (3.0 - math.sqrt(5.0))
     parts = []
     for radius, count in layers:
-        _check_positive("spiral layer radius", radius)
+        _validate_positive("spiral layer radius", radius)
         if count != int(count) or count < 1:
             raise ConfigError(f"spiral layer has {count} points; valid: a whole number from 1")
         whole = 2 * int(count)
@@ -119,7 +119,7 @@ def portion(points: Floats, face: int, width: float = PORTION_WIDTH_M) -> Floats
     """
     if face not in _TURN:
         raise ConfigError(f"face is {face!r}; valid: 1 to 5")
-    _check_positive("portion width", width)
+    _validate_positive("portion width", width)
     kept = np.abs(points[:, 0]) <= width / 2 + _SLACK
     if is_side(face):
         kept &= points[:, 1] < -_SLACK
@@ -136,6 +136,6 @@ def _closed(points: Floats) -> Floats:
     return points
 
 
-def _check_positive(what: str, value: float) -> None:
+def _validate_positive(what: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
         raise ConfigError(f"{what} is {value}; valid: a positive number of meters")

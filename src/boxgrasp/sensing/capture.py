@@ -19,15 +19,15 @@ from boxgrasp.sensing.validation import (
     Bools,
     Bytes,
     CloudFrame,
-    check_cloud,
-    check_colors,
-    check_depth,
-    check_intrinsics,
-    check_mask,
-    check_pixel,
-    check_points,
-    check_pose,
     in_order,
+    validate_cloud,
+    validate_colors,
+    validate_depth,
+    validate_intrinsics,
+    validate_mask,
+    validate_pixel,
+    validate_points,
+    validate_pose,
 )
 
 Pixels = NDArray[np.int32]
@@ -71,18 +71,18 @@ class Capture:
     warnings: tuple[CodedWarning, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
-        depth, warnings = check_depth(self.depth)
+        depth, warnings = validate_depth(self.depth)
         shape = (depth.shape[0], depth.shape[1])
-        robot_mask = check_mask(self.robot_mask, shape, "robot_mask")
+        robot_mask = validate_mask(self.robot_mask, shape, "robot_mask")
         if robot_mask is not None and not ((depth > 0) & ~robot_mask).any():
             raise CaptureError("robot_mask covers every pixel that has depth; valid: the arm only")
         self._set(
             depth=readonly(depth),
-            intrinsics=check_intrinsics(self.intrinsics, shape),
-            T_base_camera=check_pose(self.T_base_camera),
-            rgb=check_colors(self.rgb, shape, "rgb"),
-            mask=check_mask(self.mask, shape, "mask"),
-            target_pixel=check_pixel(self.target_pixel, shape),
+            intrinsics=validate_intrinsics(self.intrinsics, shape),
+            T_base_camera=validate_pose(self.T_base_camera),
+            rgb=validate_colors(self.rgb, shape, "rgb"),
+            mask=validate_mask(self.mask, shape, "mask"),
+            target_pixel=validate_pixel(self.target_pixel, shape),
             robot_mask=robot_mask,
             warnings=warnings,
         )
@@ -111,15 +111,15 @@ class Capture:
         if cloud_frame not in CLOUD_FRAMES:
             valid = ", ".join(CLOUD_FRAMES)
             raise CaptureError(f"cloud_frame is {cloud_frame!r}; valid: {valid}")
-        T = check_pose(T_base_camera)
-        xyz, shape = check_points(points)
+        T = validate_pose(T_base_camera)
+        xyz, shape = validate_points(points)
         beside = shape if shape is not None else (len(xyz),)
-        rgb = check_colors(colors, beside, "colors")
+        rgb = validate_colors(colors, beside, "colors")
         rgb = rgb.reshape(-1, 3) if rgb is not None else None
-        target = check_mask(mask, beside, "mask")
-        robot = check_mask(robot_mask, beside, "robot_mask")
-        pixel = check_pixel(target_pixel, shape)
-        keep, warnings = check_cloud(xyz, cloud_frame, T)
+        target = validate_mask(mask, beside, "mask")
+        robot = validate_mask(robot_mask, beside, "robot_mask")
+        pixel = validate_pixel(target_pixel, shape)
+        keep, warnings = validate_cloud(xyz, cloud_frame, T)
         if robot is not None and not (keep & ~robot.reshape(-1)).any():
             raise CaptureError("robot_mask covers every valid point; valid: the arm only")
         if shape is not None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning
-from boxgrasp.geometry.transforms import check_transform, invert
+from boxgrasp.geometry.transforms import invert, validate_transform
 
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
@@ -31,7 +31,7 @@ def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
     return array
 
 
-def check_depth(value: Any) -> tuple[Points, tuple[CodedWarning, ...]]:
+def validate_depth(value: Any) -> tuple[Points, tuple[CodedWarning, ...]]:
     """(H, W) float32 with 0 for missing, its own copy, and warnings."""
     depth = _array(value, "depth", "(height, width) float meters")
     if depth.dtype.kind != "f":
@@ -79,7 +79,7 @@ def _looks_like_millimeters(name: str) -> str:
     )
 
 
-def check_intrinsics(value: Any, shape: tuple[int, int]) -> Floats:
+def validate_intrinsics(value: Any, shape: tuple[int, int]) -> Floats:
     """(3, 3) float64 of a pinhole camera without skew, in pixels of an image of this shape."""
     if value is None:
         raise CaptureError("intrinsics are missing; valid: a (3, 3) camera matrix in pixels")
@@ -108,19 +108,19 @@ def check_intrinsics(value: Any, shape: tuple[int, int]) -> Floats:
     return readonly(K)
 
 
-def check_pose(T: Any) -> Floats | None:
+def validate_pose(T: Any) -> Floats | None:
     """(4, 4) T_base_camera, rigid, if one is given."""
     if T is None:
         return None
     try:
-        return check_transform(T, "T_base_camera")
+        return validate_transform(T, "T_base_camera")
     except CaptureError:
         raise
     except BoxgraspError as error:
         raise CaptureError(str(error)) from None
 
 
-def check_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
+def validate_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
     """A copy of uint8 colors of the given image or cloud shape."""
     if value is None:
         return None
@@ -133,7 +133,7 @@ def check_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
     return readonly(np.array(colors, order="C"))
 
 
-def check_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None:
+def validate_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None:
     """A copy as bool; uint8 (an image) counts where it is not 0. The target's marks something."""
     if value is None:
         return None
@@ -148,7 +148,7 @@ def check_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None:
     return readonly(np.ascontiguousarray(marked))
 
 
-def check_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | None:
+def validate_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | None:
     """(u, v) inside the image, rounded to the pixel."""
     if value is None:
         return None
@@ -167,7 +167,7 @@ def check_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | 
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
+def validate_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
     """A flat (N, 3) float32 copy, and (H, W) where the cloud is organized."""
     points = _array(value, "points", "(N, 3) or (H, W, 3) float meters")
     if points.dtype.kind != "f":
@@ -185,7 +185,7 @@ def check_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def check_cloud(
+def validate_cloud(
     points: Points, cloud_frame: CloudFrame, T_base_camera: Floats | None
 ) -> tuple[Bools, tuple[CodedWarning, ...]]:
     """(N,) True where a point is valid, and warnings."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
-from boxgrasp.geometry.transforms import check_transform, invert, make_transform
+from boxgrasp.geometry.transforms import invert, make_transform, validate_transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, paint, raycast
 from boxgrasp.simulate.primitives import Box, Cylinder, Primitive
@@ -90,7 +90,7 @@ def cast(
     height, width = shape
     K = np.asarray(intrinsics, dtype=np.float64)
     focal = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
-    T = check_transform(T_base_camera, "T_base_camera")
+    T = validate_transform(T_base_camera, "T_base_camera")
     poses = [invert(p.T_base_solid) @ T for p in primitives]
     kinds = np.array([_kind(p) for p in primitives], dtype=np.int32)
     rotations = np.ascontiguousarray([pose[:3, :3] for pose in poses])

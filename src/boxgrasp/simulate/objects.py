@@ -129,7 +129,7 @@ def _object(name: str, item: Any, source: str) -> SimulatedObject:
             raise ValueError("no parts")
         floats = item.get("floats_m")
         if floats is None:
-            _check_stands(parts)
+            _validate_stands(parts)
         return SimulatedObject(
             name,
             item["set"],
@@ -141,7 +141,7 @@ def _object(name: str, item: Any, source: str) -> SimulatedObject:
         raise SceneError(f"object {name} of {source} is wrong: {error}") from None
 
 
-def _check_stands(parts: tuple[Part, ...]) -> None:
+def _validate_stands(parts: tuple[Part, ...]) -> None:
     """Whether the lowest parts are on the base's plane and the center of mass over their hull.
 
     Parts are of equal density; where two overlap, both count.

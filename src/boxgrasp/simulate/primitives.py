@@ -8,7 +8,7 @@ import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
-from boxgrasp.geometry.transforms import check_transform, make_transform, rotation_z
+from boxgrasp.geometry.transforms import make_transform, rotation_z, validate_transform
 
 Color = tuple[int, int, int]
 
@@ -33,7 +33,7 @@ class Box:
     label: int = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_base_box", check_transform(self.T_base_box, "T_base_box"))
+        object.__setattr__(self, "T_base_box", validate_transform(self.T_base_box, "T_base_box"))
         size = np.array(self.dimensions_m, dtype=np.float64)
         if size.shape != (3,):
             raise SceneError(f"dimensions_m has shape {size.shape}; valid: (3,)")
@@ -66,7 +66,7 @@ class Cylinder:
     label: int = 0
 
     def __post_init__(self) -> None:
-        T = check_transform(self.T_base_cylinder, "T_base_cylinder")
+        T = validate_transform(self.T_base_cylinder, "T_base_cylinder")
         object.__setattr__(self, "T_base_cylinder", T)
         _positive(radius_m=self.radius_m, height_m=self.height_m)
 

@@ -15,7 +15,7 @@ from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.checks import Numbers
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.onnx.model import Model, cascaded, load_model, ranked
-from boxgrasp.ranking.onnx.record import check_fits
+from boxgrasp.ranking.onnx.record import validate_fits
 from boxgrasp.ranking.ranker import RankerSetup, RankingContext, ranker_named
 from boxgrasp.ranking.sampling import is_side
 from boxgrasp.simulate.scenario import targets_of
@@ -82,7 +82,7 @@ def _model(data: bytes, svm: Svm) -> Model:
         model = load_model(data)
         if model.record.name != svm.name:
             raise ModelError(f"holds {model.record.name}; valid: {svm.name}")
-        check_fits(model.record, svm.schema)
+        validate_fits(model.record, svm.schema)
     except ModelError as error:
         raise ModelError(f"{svm.name}.onnx: {error}") from None
     return model

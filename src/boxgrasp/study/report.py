@@ -75,7 +75,7 @@ class Picture:
     def __post_init__(self) -> None:
         if (self.svg is None) == (self.png is None):
             raise ValueError(f"picture {self.name!r}: valid: an SVG or a PNG, one of them")
-        _check_name("picture", self.name)
+        _validate_name("picture", self.name)
 
     @property
     def file(self) -> str:
@@ -101,7 +101,7 @@ class Section:
     pictures: tuple[Picture, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_name("section", self.key)
+        _validate_name("section", self.key)
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,8 @@ class Report:
     notice: str = STAND_IN
 
     def __post_init__(self) -> None:
-        _check_once("section", [section.key for section in self.sections])
-        _check_once("picture", [picture.name for picture in self.pictures()])
+        _validate_once("section", [section.key for section in self.sections])
+        _validate_once("picture", [picture.name for picture in self.pictures()])
 
     def pictures(self) -> Iterator[Picture]:
         """Every picture, in order."""
@@ -183,7 +183,7 @@ def _plain(value: Any) -> Any:
 
 def _picture(item: dict[str, Any], store: Reads) -> Picture:
     file = str(item.pop("file"))
-    _check_name("picture", item["name"])
+    _validate_name("picture", item["name"])
     if file == f"pictures/{item['name']}.svg":
         return Picture(svg=store.read(file).decode(), **item)
     if file == f"pictures/{item['name']}.png":
@@ -191,12 +191,12 @@ def _picture(item: dict[str, Any], store: Reads) -> Picture:
     raise ValueError(f"picture {item['name']!r} is in {file!r}")
 
 
-def _check_name(what: str, name: str) -> None:
+def _validate_name(what: str, name: str) -> None:
     if not _NAME.fullmatch(name):
         raise ValueError(f"name of a {what} is {name!r}; valid: letters, digits, . _ - in it")
 
 
-def _check_once(what: str, names: list[str]) -> None:
+def _validate_once(what: str, names: list[str]) -> None:
     twice = [name for k, name in enumerate(names) if name in names[:k]]
     if twice:
         raise ValueError(f"{what} {twice[0]!r} is there twice; valid: each name once")

@@ -78,7 +78,7 @@ def train(X: Points, y: Array, C: float, gamma: float) -> Any:
         BoxgraspError: fewer than two classes.
         MissingExtraError: scikit-learn is not installed.
     """
-    _check_classes(y)
+    _validate_classes(y)
     return _svm().SVC(C=float(C), gamma=float(gamma), kernel="rbf").fit(X, y)
 
 
@@ -113,7 +113,7 @@ def folds_of(y: Array, folds: int, seed: int) -> NDArray[np.int64]:
     Raises:
         BoxgraspError: fewer than two classes, fewer rows than folds.
     """
-    _check_classes(y)
+    _validate_classes(y)
     if not 2 <= folds <= len(y):
         raise BoxgraspError(f"{folds} folds of {len(y)} rows; valid: 2 to as many as rows")
     order = np.random.default_rng(seed).permutation(len(y))
@@ -187,7 +187,7 @@ def _round(middle: float, coarse: Sequence[float]) -> tuple[float, ...]:
     )
 
 
-def _check_classes(y: Array) -> None:
+def _validate_classes(y: Array) -> None:
     found = np.unique(y)
     if len(found) < 2:
         said = f"all {len(y)} labels are {found[0]}" if len(found) else "there are no labels"

@@ -60,7 +60,7 @@ def parse(data: bytes) -> OnnxFile:
     return OnnxFile(metadata, graphs[0])
 
 
-def check_plain(data: bytes) -> None:
+def validate_plain(data: bytes) -> None:
     """Refuse whatever is more than arithmetic on numbers that are in the file.
 
     Raises:
@@ -75,21 +75,21 @@ def check_plain(data: bytes) -> None:
         ):
             raise ModelError("the model needs custom operators; valid: the standard ones")
         if number == _GRAPH:
-            _check_graph(_inner(value))
+            _validate_graph(_inner(value))
 
 
-def _check_graph(graph: bytes) -> None:
+def _validate_graph(graph: bytes) -> None:
     for number, value in _fields(graph):
         if number not in _GRAPH_FIELDS:
             raise ModelError(f"the model's graph holds ONNX field {number}; valid: nodes, numbers")
         if number == _NODE:
-            _check_node(_inner(value))
+            _validate_node(_inner(value))
         elif number == _INITIALIZER:
             if any(key not in _TENSOR_FIELDS for key, _ in _fields(_inner(value))):
                 raise ModelError("the model keeps numbers outside of it; valid: all in one file")
 
 
-def _check_node(node: bytes) -> None:
+def _validate_node(node: bytes) -> None:
     for key, value in _fields(node):
         if key == _OP_TYPE:
             name = _inner(value).decode("utf-8", "replace")

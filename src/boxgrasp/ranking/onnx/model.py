@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import MissingExtraError, ModelError
 from boxgrasp.ranking.onnx import guard
-from boxgrasp.ranking.onnx.record import FORMAT, Record, check_fits, from_json, model_name, to_json
+from boxgrasp.ranking.onnx.record import (
+    FORMAT,
+    Record,
+    from_json,
+    model_name,
+    to_json,
+    validate_fits,
+)
 
 Labels = NDArray[np.int64]
 
@@ -98,7 +105,7 @@ def _load(data: bytes) -> Model:
     record = from_json(text)
     if file.metadata.get(DIGEST_KEY) != digest(file.graph, text).encode():
         raise ModelError("the file is damaged: graph and record do not match their digest")
-    guard.check_plain(data)
+    guard.validate_plain(data)
     model = Model(record, _session(data))
     try:
         label, decision = model._session.run(
@@ -162,7 +169,7 @@ __all__ = [
     "Model",
     "Record",
     "cascaded",
-    "check_fits",
+    "validate_fits",
     "digest",
     "load_model",
     "model_name",

@@ -101,7 +101,7 @@ def from_json(text: bytes) -> Record:
     return build(Record, data, "record", ModelError)
 
 
-def check_fits(record: Record, schema: FeatureSchema) -> None:
+def validate_fits(record: Record, schema: FeatureSchema) -> None:
     """Refuse a model that was trained on other features than the code computes.
 
     Raises:
