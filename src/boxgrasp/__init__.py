@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from boxgrasp.io.load import load_capture
     from boxgrasp.perception.target import Target
     from boxgrasp.result import Selection
-    from boxgrasp.selector import GraspSelector
+    from boxgrasp.selector import GraspSelector, default_checks
     from boxgrasp.sensing.capture import Capture
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "Selection",
     "Target",
     "__version__",
+    "default_checks",
     "load_capture",
     "load_config",
 ]
@@ -38,6 +39,7 @@ _HOMES = {
     "Gripper": "grasps.gripper",
     "Selection": "result",
     "Target": "perception.target",
+    "default_checks": "selector",
     "load_capture": "io.load",
     "load_config": "config",
 }
