@@ -218,7 +218,11 @@ class GraspSelector:
             target_points=points,
             context=RankingContext(box, candidates, results, maps),
             truncation=truncation,
-            warnings=(*capture.warnings, *_warnings(scene, truncation)),
+            warnings=(
+                *capture.warnings,
+                *scene_warnings(scene),
+                *_truncation_warnings(truncation),
+            ),
             clock=clock,
         )
 
@@ -462,7 +466,15 @@ def _ray_points(capture: Capture, stride: int | None) -> NDArray[np.float32]:
     return capture.valid_points(step=2 if dense else 1)[0][::stride]
 
 
-def _warnings(scene: Scene, truncation: Truncation) -> list[CodedWarning]:
+def scene_warnings(scene: Scene) -> tuple[CodedWarning, ...]:
+    """What the user should know of a scene's frames.
+
+    Args:
+        scene: any.
+
+    Returns:
+        Warnings that the base frame is not the robot's, or that the camera's place is unknown.
+    """
     found = []
     if scene.frame == "support":
         found.append(
@@ -475,6 +487,11 @@ def _warnings(scene: Scene, truncation: Truncation) -> list[CodedWarning]:
         found.append(
             CodedWarning("camera_unknown", "camera position unknown: no space is known to be free")
         )
+    return tuple(found)
+
+
+def _truncation_warnings(truncation: Truncation) -> list[CodedWarning]:
+    found = []
     if truncation.cut:
         found.append(CodedWarning("target_cut", "target is cut by the image border"))
     for axis, known in zip("xy", truncation.width_known, strict=True):
