@@ -52,7 +52,7 @@ built.mkdir(exist_ok=True)
 (built / "settings.md").write_text("\n".join(settings_of(Config)), "utf-8")
 
 
-def escape(app, what, name, obj, candidates, lines):
+def escape(app, what, name, obj, options, lines):
     """Docstrings are plain text with `code`; what else reST would read as markup is escaped."""
     for k, line in enumerate(lines):
         pieces = line.split("`")
