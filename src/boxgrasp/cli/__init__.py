@@ -17,7 +17,7 @@ from boxgrasp.version import __version__
 COMMANDS = {
     "select": "choose a grasp for each capture, or ask for help",
     "objects": "list what stands on the support plane",
-    "explain": "show all candidates as a table, with the reason each was kept or dropped",
+    "explain": "show all candidates with what every check says, and why each was rejected",
     "show": "draw saved answers again",
     "demo": "cast a cluttered table, select, and write the picture",
     "config": "print the configuration as it is resolved",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import logging
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,6 +19,43 @@ if TYPE_CHECKING:
     from boxgrasp.sensing.capture import Capture
 
 _log = logging.getLogger("boxgrasp.cli")
+
+
+class _Refuse(argparse.Action):
+    """Ends the command where an option is met that is gone; `const` says what to do instead."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> NoReturn:
+        parser.error(str(self.const))
+
+
+def removed(parser: argparse.ArgumentParser, option: str, instead: str) -> None:
+    """Refuse an option of earlier versions, out of sight of --help.
+
+    Args:
+        parser: of the command.
+        option: as it was typed.
+        instead: what is said of it, in one line.
+    """
+    parser.add_argument(
+        option, action=_Refuse, nargs="?", const=f"{option} {instead}", help=argparse.SUPPRESS
+    )
+
+
+def renamed(parser: argparse.ArgumentParser, old: str, new: str) -> None:
+    """Refuse the former name of an option and say what it is now.
+
+    Args:
+        parser: of the command.
+        old: the former name, `--chooser`.
+        new: the name that it has now, `--ranker`.
+    """
+    removed(parser, old, f"is now {new}")
 
 
 def add_captures(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
@@ -68,11 +106,14 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--config", metavar="FILE", help="YAML as `boxgrasp config` prints it")
     group.add_argument("--gripper", metavar="FILE", help="YAML of a gripper")
     group.add_argument("--faces", metavar="front,right", help="only these faces may be chosen")
-    group.add_argument("--ranker", metavar="NAME", help="who orders the candidates")
+    group.add_argument("--ranker", metavar="NAME", help="what orders the candidates")
     group.add_argument("--models", metavar="DIR", help="an SVM ranker's models (default: shipped)")
     group.add_argument(
-        "--unchecked", action="store_true", help="the ranker's word alone, without the check"
+        "--unchecked",
+        action="store_true",
+        help="take the ranker's first candidate, whatever the checks say",
     )
+    renamed(parser, "--chooser", "--ranker")
 
 
 def add_scans(parser: argparse.ArgumentParser) -> None:
@@ -197,8 +238,8 @@ def _without_robot(capture: Capture, mask: NDArray[np.bool_]) -> Capture:
         masked = Capture.from_cloud(
             np.asarray(points), colors=colors, cloud_frame=capture.cloud_frame, **given
         )
-    object.__setattr__(masked, "warnings", capture.warnings)  # what was mended is not seen twice
-    return masked
+    # What was mended in reading is not seen a second time.
+    return masked.with_warnings(*(w for w in capture.warnings if w not in masked.warnings))
 
 
 def numbered(path: str, number: int, count: int) -> Path:

@@ -1,74 +1,97 @@
-"""Answers in words and tables, for people."""
+"""Answers in words and tables, for people; every number is read from the answer."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from boxgrasp.grasps.candidates import FACES
-from boxgrasp.result import Candidate, Selection
+from boxgrasp.grasps.checks.check import spelled
+from boxgrasp.result import Candidate, CheckValue, Selection
 
 
 def summary(selection: Selection) -> str:
-    """An answer in a few lines."""
-    lines = [f"{selection.capture}: {_headline(selection)}"]
-    if selection.position_m is not None and selection.quaternion_xyzw is not None:
-        position = " ".join(f"{value:.3f}" for value in selection.position_m)
-        turn = " ".join(f"{value:.4f}" for value in selection.quaternion_xyzw)
+    """An answer in a few lines.
+
+    Args:
+        selection: with the path of its capture.
+
+    Returns:
+        Capture, status and headline; below it pose, how many candidates pass, and warnings.
+    """
+    lines = [f"{selection.capture}: {selection.status}: {selection.headline()}"]
+    if selection.grasp is not None:
+        position = " ".join(f"{value:.3f}" for value in selection.grasp.position_m)
+        turn = " ".join(f"{value:.4f}" for value in selection.grasp.quaternion_xyzw)
         lines.append(f"  gripper at {position} m, quaternion xyzw {turn}, {selection.frame} frame")
-    lines += [f"  warning: {warning}" for warning in selection.warnings]
+        shown = selection.candidate(selection.grasp.label)
+        lines += [f"  unchecked: {reason.sentence}" for reason in shown.rejections]
+    lines.append(
+        f"  {len(selection.passing)} of {len(selection.candidates)} candidates pass, "
+        f"ordered by {selection.ranker}"
+    )
+    lines += [f"  warning: {warning.message}" for warning in selection.warnings]
     return "\n".join(lines)
 
 
-def _headline(selection: Selection) -> str:
-    if selection.face is None or selection.line is None or selection.clearance_m is None:
-        best, blocking = selection.best_rejected, selection.blocking
-        nearest = f" ({spell(selection.candidate(best))})" if best else ""
-        more = f"; {blocking}" if blocking and blocking not in selection.reason else ""
-        return f"ask: {selection.reason}{more}{nearest}"
-    where = f"{FACES[selection.face - 1]} line {selection.line}"
-    clear, opening = 100 * selection.clearance_m, 100 * (selection.opening_m or 0.0)
-    return f"grasp: {where}, {clear:.1f} cm clear, opening {opening:.1f} cm"
-
-
 def timings(selection: Selection) -> str:
-    """How long each stage took."""
+    """How long each stage took.
+
+    Args:
+        selection: any.
+
+    Returns:
+        `scene 12.3 ms, box 0.5 ms, ...`.
+    """
     return ", ".join(f"{stage} {ms:.1f} ms" for stage, ms in selection.timings_ms.items())
 
 
-def spell(candidate: Candidate) -> str:
-    """A candidate by the name of its face and its line."""
-    return f"{FACES[candidate.face - 1]} line {candidate.line}"
-
-
 def candidates_table(selection: Selection) -> str:
-    """Every candidate with its numbers, in cm, and why it was kept or dropped."""
-    head = ("label", "face", "line", "width", "seen", "unseen", "support", "approach", "", "")
+    """Every candidate with the value of every check, whatever checks there are.
+
+    Args:
+        selection: any.
+
+    Returns:
+        A head with each check's name and limit, then a line a candidate. A star stands beside
+        what failed.
+    """
+    names = tuple(selection.candidates[0].checks)
+    titles = [f"{name.replace('_', ' ')} " for name in names]
+    limits = [_limit(selection.candidates, name) for name in names]
+    head = _stacked(["label", "face", "line", "rank", *titles, "result"])
     rows = [_candidate_row(candidate, selection) for candidate in selection.candidates]
-    return table(head, rows, left=(1, 8, 9))
+    lines = [*head[1:], ["", "limit", "", "", *limits, ""], *rows]
+    return table(head[0], lines, left=(1, 4 + len(names)))
 
 
-def _candidate_row(candidate: Candidate, selection: Selection) -> tuple[str, ...]:
-    lengths = (
-        "width_m",
-        "visible_clearance_m",
-        "unseen_distance_m",
-        "plane_clearance_m",
-        "approach_clearance_m",
-    )
-    chosen = candidate.label == selection.label
-    kept = f"kept, choice {candidate.ranking}"
-    return (
-        str(candidate.label),
-        FACES[candidate.face - 1],
-        str(candidate.line),
-        *(f"{100 * getattr(candidate, name):.1f}" for name in lengths),
-        "=>" if chosen else "",
-        "chosen" if chosen else candidate.rejected or kept,
-    )
+def rejections(selection: Selection) -> str:
+    """Why each candidate that does not pass was rejected.
+
+    Args:
+        selection: any.
+
+    Returns:
+        A line a reason, the first beside the candidate's label and name; empty where all pass.
+    """
+    rows = []
+    for candidate in selection.candidates:
+        name = (str(candidate.label), candidate.name)
+        for reason in candidate.rejections:
+            rows.append((*name, reason.sentence))
+            name = ("", "")
+    return table(("label", "rejected", "because"), rows, left=(1, 2)) if rows else ""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: Sequence[int] = ()) -> str:
-    """Columns lined up; those in `left` to the left, the others to the right."""
+    """Columns lined up.
+
+    Args:
+        head: a title a column.
+        rows: a text a column.
+        left: columns that are lined up on the left; the others are on the right.
+
+    Returns:
+        Lines of equal columns, two blanks between them.
+    """
     lines = [head, *rows]
     widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
     return "\n".join(
@@ -78,3 +101,40 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: Sequence[int
         ).rstrip()
         for line in lines
     )
+
+
+def _stacked(titles: Sequence[str]) -> list[list[str]]:
+    """Titles of several words as lines of one word, the last words on the last line."""
+    words = [[word + " " * title.endswith(" ") for word in title.split()] for title in titles]
+    height = max(len(title) for title in words)
+    padded = [[""] * (height - len(title)) + title for title in words]
+    return [list(line) for line in zip(*padded, strict=True)]
+
+
+def _limit(candidates: Sequence[Candidate], name: str) -> str:
+    """A check's limit; nothing where it is not the same for all."""
+    limits = {spelled(item.checks[name].limit, item.checks[name].unit) for item in candidates}
+    return f"{limits.pop()} " if len(limits) == 1 else ""
+
+
+def _candidate_row(candidate: Candidate, selection: Selection) -> list[str]:
+    return [
+        str(candidate.label),
+        candidate.face_name,
+        str(candidate.line),
+        str(candidate.rank),
+        *(_cell(said) for said in candidate.checks.values()),
+        _result(candidate, selection),
+    ]
+
+
+def _cell(said: CheckValue) -> str:
+    return spelled(said.value, said.unit) + (" " if said.passed else "*")
+
+
+def _result(candidate: Candidate, selection: Selection) -> str:
+    if selection.grasp is not None and candidate.label == selection.grasp.label:
+        return "chosen" if candidate.passed else "chosen, unchecked"
+    if selection.refusal is not None and candidate.label == selection.refusal.nearest_label:
+        return "rejected, nearest"
+    return "passes" if candidate.passed else "rejected"

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         selection = dataclasses.replace(selector.select(capture, target), capture=name)
         place = _arguments.numbered(args.picture, number, len(names))
         Path(place).parent.mkdir(parents=True, exist_ok=True)
-        draw_selection(capture, selection, place, gripper=selector.config.gripper)
+        draw_selection(capture, selection, place)
         print(f"{summary(selection)}\n{place}", flush=True)
 
     return _batch.each(names, demonstrate)

@@ -1,7 +1,6 @@
-"""Show all candidates of each CAPTURE as a table, with the reason each was kept or dropped.
+"""Show all candidates of each CAPTURE with what every check says, and why each was rejected.
 
-Distances are in cm: to seen obstacles, to unseen space, to the support plane (signed), along
-the approach.
+A star stands beside a value that a check refused; the line `limit` says what it was compared with.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING
 from boxgrasp.cli import _arguments, _batch
 
 if TYPE_CHECKING:
-    from boxgrasp.grasps.gripper import Gripper
     from boxgrasp.result import Selection
     from boxgrasp.sensing.capture import Capture
 
@@ -27,9 +25,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explain each capture."""
-    from boxgrasp.cli._report import candidates_table, summary
+    from boxgrasp.cli._report import candidates_table, rejections, summary
 
-    def explain(_number: int, _capture: Capture, selection: Selection, _hand: Gripper) -> None:
-        print(f"{summary(selection)}\n\n{candidates_table(selection)}", flush=True)
+    def explain(_number: int, _capture: Capture, selection: Selection) -> None:
+        parts = (summary(selection), candidates_table(selection), rejections(selection))
+        print("\n\n".join(part for part in parts if part), flush=True)
 
     return _batch.answer_each(args, explain)

@@ -1,6 +1,7 @@
 """Choose a grasp for the target of each CAPTURE, or ask for help.
 
-Without --json a short summary; with it one JSON object a line a capture.
+Without --json a short summary; with it one JSON object a line a capture, with `capture` and
+`error` for one that cannot be answered.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from typing import TYPE_CHECKING
 from boxgrasp.cli import _arguments, _batch
 
 if TYPE_CHECKING:
-    from boxgrasp.grasps.gripper import Gripper
     from boxgrasp.result import Selection
     from boxgrasp.sensing.capture import Capture
 
@@ -33,13 +33,13 @@ def run(args: argparse.Namespace) -> int:
     """Answer each capture."""
     from boxgrasp.cli._report import summary, timings
 
-    def answer(number: int, capture: Capture, selection: Selection, hand: Gripper) -> None:
+    def answer(number: int, capture: Capture, selection: Selection) -> None:
         _log.info("%s: %s", selection.capture, timings(selection))
         print(selection.to_json() if args.json else summary(selection), flush=True)
         if args.picture:
             from boxgrasp.draw import draw_selection
 
             place = _arguments.numbered(args.picture, number, len(args.captures))
-            draw_selection(capture, selection, place, gripper=hand)
+            draw_selection(capture, selection, place)
 
-    return _batch.answer_each(args, answer)
+    return _batch.answer_each(args, answer, as_json=args.json)

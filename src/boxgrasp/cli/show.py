@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 from boxgrasp.cli import FAILED, _arguments, _batch, complain
@@ -17,37 +18,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OUT.png",
         help="where to draw (default: ANSWERS.png; several answers are numbered)",
     )
-    parser.add_argument("--gripper", metavar="FILE", help="the hand that was selected for")
+    _arguments.removed(parser, "--gripper", "is gone; valid: none, an answer carries its hand")
     _arguments.add_reading(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Draw each answer and print the pictures' paths."""
-    from boxgrasp.config import load_gripper
-
     try:
         lines = [line for line in Path(args.answers).read_text("utf-8").splitlines() if line]
     except (OSError, UnicodeDecodeError) as error:
         raise BoxgraspError(f"{args.answers}: {getattr(error, 'strerror', 'not text')}") from None
-    gripper = load_gripper(args.gripper) if args.gripper else None
     out = args.picture or str(Path(args.answers).with_suffix(".png"))
 
     def draw(number: int, line: str) -> None:
         from boxgrasp.draw import draw_selection
         from boxgrasp.result import Selection
 
+        _refuse_error(line)
         selection = Selection.from_json(line)
         if selection.capture is None:
             raise BoxgraspError("the answer names no capture; valid: answers of boxgrasp select")
         capture = _arguments.load_capture(_find(selection.capture, args.answers), args)
         place = _arguments.numbered(out, number, len(lines))
-        draw_selection(capture, selection, place, gripper=gripper)
+        draw_selection(capture, selection, place)
         print(place, flush=True)
 
     if not lines:
         complain(f"{args.answers}: no answers; valid: lines of boxgrasp select --json")
         return FAILED
     return _batch.each(lines, draw, [f"{args.answers}:{n + 1}" for n in range(len(lines))])
+
+
+def _refuse_error(line: str) -> None:
+    """Say what `boxgrasp select --json` said of a capture that it could not answer."""
+    try:
+        data = json.loads(line)
+    except (ValueError, RecursionError):
+        return
+    if isinstance(data, dict) and set(data) == {"capture", "error"}:
+        raise BoxgraspError(f"no answer to {data['capture']}: {data['error']}")
 
 
 def _find(capture: str, answers: str) -> str:
