@@ -123,8 +123,8 @@ class Grasp:
         T_base_gripper: (4, 4) float64, m, the hand's box when it closes.
         T_base_tcp: (4, 4) float64, m, its tool point then.
         T_base_pregrasp: (4, 4) float64, m, the hand's box at the start of its approach.
-        position_m: (3,) of T_base_gripper.
-        quaternion_xyzw: (4,) of T_base_gripper, w not negative.
+        position_m: (3,) float64, m, of T_base_gripper.
+        quaternion_xyzw: (4,) float64, of T_base_gripper, w not negative.
         opening_m: how far the fingers open, m.
         width_m: the target's width between them, m.
         clearance_m: from the hand's box to visible obstacles, m; None where nobody measured it.
@@ -180,9 +180,10 @@ class TargetBox:
 
     Attributes:
         T_base_box: (4, 4) float64 at its center, m.
-        dimensions_m: (3,) along its x, y, z.
-        dimensions_at_least_m: (3,) what is seen.
-        dimensions_at_most_m: (3,), infinite where an edge is hidden and nothing bounds it.
+        dimensions_m: (3,) float64, m, along its x, y, z.
+        dimensions_at_least_m: (3,) float64, m, what is seen.
+        dimensions_at_most_m: (3,) float64, m, infinite where an edge is hidden and nothing
+            bounds it.
     """
 
     T_base_box: Floats
@@ -205,10 +206,10 @@ class Selection:
         gripper: the hand that was used.
         ranker: name of what ordered the candidates.
         frame: `given` where the capture came with T_base_camera, else `support`.
-        T_base_camera: camera pose, None where it is unknown.
+        T_base_camera: (4, 4) float64, m, the camera's pose; None where it is unknown.
         warnings: what the user should know.
         config_hash: 16 hexadecimal digits of the configuration.
-        timings_ms: by stage, and `total`.
+        timings_ms: wall time by stage, and the `total` without reading files, ms.
         version: of the package.
         capture: its path as given, None from Python.
         risk: None so far.

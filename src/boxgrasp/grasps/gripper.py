@@ -83,5 +83,5 @@ class Gripper:
 
     @cached_property
     def half_m(self) -> Floats:
-        """(3,) half sizes along the gripper's x, y, z."""
+        """(3,) float64, m: half sizes along the gripper's x, y, z."""
         return readonly(np.array([self.length_m, self.width_m, self.thickness_m]) / 2)

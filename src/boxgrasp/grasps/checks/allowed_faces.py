@@ -13,7 +13,11 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class AllowedFaces(Check):
-    """The candidate is on one of the named faces."""
+    """The candidate is on one of the allowed faces.
+
+    Attributes:
+        faces: names of the allowed faces.
+    """
 
     faces: tuple[str, ...]
     name = "allowed_faces"

@@ -10,7 +10,12 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class ApproachClearance(Check):
-    """Over its last `pregrasp_distance_m` the hand's box keeps `limit_m` from obstacles."""
+    """Over its last stretch of approach the hand's box keeps its distance from obstacles.
+
+    Attributes:
+        limit_m: the least distance, m.
+        pregrasp_distance_m: length of that stretch, m.
+    """
 
     limit_m: float
     pregrasp_distance_m: float

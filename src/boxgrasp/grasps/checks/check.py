@@ -52,7 +52,7 @@ class CheckResult:
         unit: of value and limit: "m", "fraction", or None for yes (1) or no (0).
         objects: (M,) int64, number of the object that decided, 0 for an obstacle without a
             number, -1 for none.
-        nearest_points_m: (M, 3) float64, base frame, where it decided; NaN for nowhere.
+        nearest_points_m: (M, 3) float64, base frame, m, where it decided; NaN for nowhere.
     """
 
     value: Floats
@@ -126,7 +126,7 @@ class Witness:
 
     Attributes:
         objects: (M,) int64, as in `CheckResult`.
-        points_m: (M, 3) float64, base frame; NaN for nowhere.
+        points_m: (M, 3) float64, base frame, m; NaN for nowhere.
     """
 
     objects: NDArray[np.int64]

@@ -25,7 +25,7 @@ class Nearest:
     """What is nearest to each of M hands.
 
     Attributes:
-        distance_m: (M,) float64, capped at 0.50, 0 inside.
+        distance_m: (M,) float64, m, capped at 0.50, 0 inside.
         witness: which object, and where.
     """
 
@@ -33,7 +33,14 @@ class Nearest:
     witness: Witness
 
     def or_nearer(self, other: Nearest) -> Nearest:
-        """The nearer of two, hand by hand; this one where they are equal."""
+        """The nearer of two, hand by hand; this one where they are equal.
+
+        Args:
+            other: of the same M hands.
+
+        Returns:
+            For each hand the smaller distance, with its witness.
+        """
         closer = other.distance_m < self.distance_m
         return Nearest(
             np.minimum(self.distance_m, other.distance_m),
@@ -76,13 +83,20 @@ class CheckContext:
         return self.swept_hands(0.0)
 
     def swept_hands(self, back_m: float) -> Floats:
-        """(M, 8) the space that the hand's box passes over its last `back_m` of approach."""
+        """The space that the hand's box passes over its last stretch of approach.
+
+        Args:
+            back_m: length of that stretch, m.
+
+        Returns:
+            (M, 8) float64 upright boxes, as `hand_distance.uprights` gives them.
+        """
         T = self.candidates.T_base_gripper
         return readonly(hand_distance.uprights(T, self.gripper.half_m, back_m))
 
     @cached_property
     def obstacle_points(self) -> Points:
-        """(N, 3) float32 visible points of all obstacles."""
+        """(N, 3) float32, base frame, m: the visible points of all obstacles."""
         return readonly(np.ascontiguousarray(self.scene.points[self.obstacle_mask]))
 
     @cached_property
@@ -99,7 +113,7 @@ class CheckContext:
 
     @cached_property
     def unseen_cells(self) -> Floats:
-        """(U, 3) centers of the local map's cells that may hold something unseen."""
+        """(U, 3) float64, m: centers of the local map's cells that may hold something unseen."""
         return readonly(unseen_cells(self.local_map, self.box))
 
     @cached_property
@@ -115,7 +129,14 @@ class CheckContext:
         return self._bodies(self.hands).or_nearer(self.visible)
 
     def on_the_way(self, back_m: float) -> Nearest:
-        """The obstacle or hidden body nearest to each hand over its last `back_m` of approach."""
+        """The obstacle or hidden body nearest to each hand over its last stretch of approach.
+
+        Args:
+            back_m: length of that stretch, m.
+
+        Returns:
+            For each of the M hands the nearest on its way.
+        """
         swept = self.swept_hands(back_m)
         near = self._bodies(swept)
         return near.or_nearer(self._map_cells(swept)) if len(self.map_obstacles) else near

@@ -10,7 +10,11 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class OccludedClearance(Check):
-    """The hand's box keeps `limit_m` from obstacles, their hidden sides included."""
+    """The hand's box keeps its distance from obstacles, their hidden sides included.
+
+    Attributes:
+        limit_m: the least distance, m.
+    """
 
     limit_m: float
     name = "occluded_clearance"

@@ -14,7 +14,11 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class PlaneClearance(Check):
-    """The hand's lowest corner is `limit_m` over the support plane; below 0 is inside it."""
+    """The hand's lowest corner is over the support plane.
+
+    Attributes:
+        limit_m: the least height, m; a height below 0 is inside the plane.
+    """
 
     limit_m: float
     name = "plane_clearance"

@@ -10,7 +10,11 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class UnseenDistance(Check):
-    """The hand's box keeps `limit_m` from whatever may hold something; 0 only reports."""
+    """The hand's box keeps its distance from whatever may hold something.
+
+    Attributes:
+        limit_m: the least distance, m; 0 reports the distance and refuses nothing.
+    """
 
     limit_m: float
     name = "unseen_distance"

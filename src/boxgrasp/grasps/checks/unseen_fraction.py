@@ -14,7 +14,12 @@ from boxgrasp.mapping.local_map import FREE
 
 @dataclass(frozen=True)
 class UnseenFraction(Check):
-    """At most `limit` of the hand's box, grown by `grow_m`, is unseen space."""
+    """Little of the hand's box, somewhat grown, is unseen space.
+
+    Attributes:
+        limit: the largest fraction, 0 to 1.
+        grow_m: by how much the box is grown to every side, m.
+    """
 
     limit: float
     grow_m: float

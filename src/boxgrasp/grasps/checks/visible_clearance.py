@@ -10,7 +10,11 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class VisibleClearance(Check):
-    """The hand's box keeps `limit_m` from every visible obstacle point and occupied map cell."""
+    """The hand's box keeps its distance from every visible obstacle point and occupied map cell.
+
+    Attributes:
+        limit_m: the least distance, m.
+    """
 
     limit_m: float
     name = "visible_clearance"

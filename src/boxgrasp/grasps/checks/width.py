@@ -11,7 +11,11 @@ from boxgrasp.grasps.checks.context import CheckContext
 
 @dataclass(frozen=True)
 class Width(Check):
-    """The target's width between the fingers is `margin_m` less than they open."""
+    """The target is narrower than the fingers open.
+
+    Attributes:
+        margin_m: by how much at least, m.
+    """
 
     margin_m: float
     name = "width"
