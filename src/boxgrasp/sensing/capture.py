@@ -38,7 +38,9 @@ class Capture:
     """A depth image with its camera, or a cloud (`Capture.from_cloud`).
 
     Attributes:
-        depth: (H, W) float32, m along the optical axis, 0 missing; None for a cloud.
+        depth: (H, W) float32, m along the optical axis; None for a cloud. Given with 0, NaN
+            (invalid), -inf (too near) or +inf (nothing in range) for missing, as REP 117 says;
+            kept with 0.
         intrinsics: (3, 3) float64, pixels, pixel centers at integers; None for a cloud.
         T_base_camera: (4, 4) float64, or None when unknown; the camera frame is optical.
         rgb: (H, W, 3) uint8, or None.
@@ -54,7 +56,8 @@ class Capture:
         warnings: what was found degraded and mended.
 
     Raises:
-        CaptureError: anything that is not a usable view, said in one line.
+        CaptureError: not a usable view: types or shapes that do not fit, no rigid pose, no
+            measured depth, over 0.1 % of it negative, or millimeters.
     """
 
     depth: Points | None
@@ -99,14 +102,23 @@ class Capture:
         target_pixel: ArrayLike | None = None,
         robot_mask: ArrayLike | None = None,
     ) -> Capture:
-        """Take (N, 3) or organized (H, W, 3) points, m; NaN or (0, 0, 0) is missing.
+        """The capture of a cloud; a point that is not finite or 0, 0, 0 is missing (REP 117).
 
-        `colors` and the masks lie beside the points; `target_pixel` needs an organized cloud.
-        Points are in the camera's optical frame, or in the base frame with the camera's place
-        given by `T_base_camera`, or unknown.
+        Args:
+            points: (N, 3) or organized (H, W, 3) float, m, in `cloud_frame`.
+            cloud_frame: 'optical', or 'base' with the camera's place in `T_base_camera` or unknown.
+            colors: (N, 3) or (H, W, 3) uint8 beside the points, or None.
+            T_base_camera: (4, 4), or None.
+            mask: (N,) or (H, W) bool, True on the target, or None.
+            target_pixel: (u, v) on the target of an organized cloud, or None.
+            robot_mask: like `mask`, True on the robot's own arm, or None.
+
+        Returns:
+            The capture.
 
         Raises:
-            CaptureError: shapes or types do not fit, no point is valid, points behind the camera.
+            CaptureError: shapes or types do not fit, no point is valid, over 0.1 % of the points
+                lie behind the camera, or millimeters.
         """
         if cloud_frame not in CLOUD_FRAMES:
             valid = ", ".join(CLOUD_FRAMES)
@@ -156,12 +168,15 @@ class Capture:
         return self.cloud_frame == "optical" or self.T_base_camera is not None
 
     def valid_points(self, step: int = 1) -> tuple[Points, Pixels]:
-        """(N, 3) float32 points, m, and (N,) int32 pixels, but missing ones and the robot's.
+        """All points but missing ones and the robot's.
 
-        Of an image only every `step`-th row and column is taken.
+        Returns:
+            (N, 3) float32, m, in the optical frame, or in the base frame where `cloud_frame` is
+            'base'; and (N,) int32, each one's row-major pixel v * W + u, rising, or -1 without an
+            image.
 
-        Points are in the optical frame, or in the base frame where `cloud_frame` is 'base'.
-        A pixel is its row-major number v * W + u, in rising order; -1 without an image.
+        Raises:
+            CaptureError: the capture holds neither depth nor points.
         """
         if self.depth is not None and self.intrinsics is not None:
             return _depth_points(self.depth, self.intrinsics, self.robot_mask, step)
@@ -186,7 +201,14 @@ class Capture:
         return readonly(points), readonly(pixels)
 
     def with_warnings(self, *warnings: CodedWarning) -> Capture:
-        """Copy the capture with more warnings, as a reader has them."""
+        """The same capture with more warnings, as a reader has them.
+
+        Args:
+            warnings: what follows those that it has.
+
+        Returns:
+            A copy that shares the arrays.
+        """
         if not warnings:
             return self
         other = copy.copy(self)

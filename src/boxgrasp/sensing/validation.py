@@ -1,4 +1,4 @@
-"""What a depth view must be: each part of a capture checked once, in one line where it fails."""
+"""What a depth view must be: each part of a capture validated once, one line where it fails."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ CloudFrame = Literal["optical", "base"]
 
 CLOUD_FRAMES: Final[tuple[str, ...]] = get_args(CloudFrame)
 FARTHEST_M: Final = 65.535  # what 16 bits of millimeters hold; beyond it no depth camera measures
-_BAD_SHARE: Final = 0.001
-_MILLIMETERS_ABOVE_M: Final = 20.0
+_BAD_SHARE: Final = 0.001  # of impossible values, up to which a view is taken as good
+_MILLIMETERS_ABOVE_M: Final = 20.0  # m; a view whose median lies beyond is in another unit
 
 
 def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
@@ -32,7 +32,49 @@ def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
 
 
 def validate_depth(value: Any) -> tuple[Points, tuple[CodedWarning, ...]]:
-    """(H, W) float32 with 0 for missing, its own copy, and warnings."""
+    """A depth image with one sign for missing.
+
+    Missing is what REP 117 and 118 say: 0 or NaN invalid, -inf too near, +inf nothing in range.
+    Any share of it is fine, since simulators fill the sky with +inf.
+
+    Args:
+        value: (H, W) float, m along the optical axis.
+
+    Returns:
+        (H, W) float32, m, 0 for missing, its own copy; and warnings.
+
+    Raises:
+        CaptureError: no float image, millimeters, over 0.1 % negative, or nothing measured.
+    """
+    depth = _float_image(value)
+    with np.errstate(invalid="ignore", over="ignore"):
+        # A copy, in which NaN and all below 0 become 0.
+        clean = np.fmax(np.asarray(depth, np.float32, order="C"), np.float32(0))
+    farthest = clean.max()
+    if farthest == np.inf:
+        clean[clean == np.inf] = 0
+        farthest = clean.max()
+    measured, far, beyond = int(np.count_nonzero(clean)), 0, 0
+    if farthest > _MILLIMETERS_ABOVE_M:  # rare, so the passes below cost nothing as a rule
+        far = int(np.count_nonzero(clean > _MILLIMETERS_ABOVE_M))
+        beyond = int(np.count_nonzero(clean > FARTHEST_M))
+        clean[clean > FARTHEST_M] = 0
+    negative = _count_negative(depth)
+    if 2 * far > measured:
+        raise CaptureError(_looks_like_millimeters("depth"))
+    if measured == beyond:
+        raise CaptureError("depth is missing at every pixel; valid: meters, above 0 where measured")
+    warnings = []
+    if negative:
+        said = f"{negative} negative depths of {depth.size} taken as missing"
+        warnings.append(CodedWarning("depth_negative", said))
+    if beyond:
+        said = f"{beyond} depths above {FARTHEST_M} m of {depth.size} taken as missing"
+        warnings.append(CodedWarning("depth_beyond_range", said))
+    return clean, tuple(warnings)
+
+
+def _float_image(value: Any) -> NDArray[Any]:
     depth = _array(value, "depth", "(height, width) float meters")
     if depth.dtype.kind != "f":
         raise CaptureError(
@@ -40,36 +82,22 @@ def validate_depth(value: Any) -> tuple[Points, tuple[CodedWarning, ...]]:
         )
     if depth.ndim != 2 or depth.size == 0:
         raise CaptureError(f"depth has shape {depth.shape}; valid: (height, width)")
-    with np.errstate(invalid="ignore", over="ignore"):
-        depth = np.asarray(depth, np.float32, order="C")
-        odd = int(np.count_nonzero(depth < 0))
-        clean = np.fmax(depth, np.float32(0))  # a copy; NaN and negatives become 0
-    farthest, millimeters = clean.max(), 0
-    if farthest == np.inf:
-        odd += int(np.count_nonzero(clean == np.inf))
-        clean[clean == np.inf] = 0
-    measured, beyond = int(np.count_nonzero(clean)), 0
-    if farthest > _MILLIMETERS_ABOVE_M:  # rare, so the passes below cost nothing as a rule
-        millimeters = int(np.count_nonzero(clean > _MILLIMETERS_ABOVE_M))
-        beyond = int(np.count_nonzero(clean > FARTHEST_M))
-        clean[clean > FARTHEST_M] = 0
-    if odd > _BAD_SHARE * depth.size:
+    return depth
+
+
+def _count_negative(depth: NDArray[Any]) -> int:
+    """How many depths are below 0 and finite; refused where they are many."""
+    with np.errstate(invalid="ignore"):
+        negative = depth < 0
+    count = int(np.count_nonzero(negative))
+    if count:
+        count -= int(np.count_nonzero(depth == -np.inf))
+    if count > _BAD_SHARE * depth.size:
         raise CaptureError(
-            f"depth is negative or infinite at {odd} of {depth.size} pixels; "
-            f"valid: meters, with 0 or NaN for missing"
+            f"depth is negative at {count} of {depth.size} pixels; "
+            "valid: meters, with 0, NaN or infinity for missing"
         )
-    if 2 * millimeters > measured:
-        raise CaptureError(_looks_like_millimeters("depth"))
-    if measured == beyond:
-        raise CaptureError("depth is missing at every pixel; valid: meters, above 0 where measured")
-    warnings = []
-    if odd:
-        said = f"{odd} negative or infinite depths of {depth.size} taken as missing"
-        warnings.append(CodedWarning("depth_not_measured", said))
-    if beyond:
-        said = f"{beyond} depths above {FARTHEST_M} m of {depth.size} taken as missing"
-        warnings.append(CodedWarning("depth_beyond_range", said))
-    return clean, tuple(warnings)
+    return count
 
 
 def _looks_like_millimeters(name: str) -> str:
@@ -80,7 +108,18 @@ def _looks_like_millimeters(name: str) -> str:
 
 
 def validate_intrinsics(value: Any, shape: tuple[int, int]) -> Floats:
-    """(3, 3) float64 of a pinhole camera without skew, in pixels of an image of this shape."""
+    """A pinhole camera without skew.
+
+    Args:
+        value: (3, 3), pixels, pixel centers at integers.
+        shape: (H, W) of its image.
+
+    Returns:
+        (3, 3) float64, a read-only copy.
+
+    Raises:
+        CaptureError: missing, of another shape, or no camera of such an image.
+    """
     if value is None:
         raise CaptureError("intrinsics are missing; valid: a (3, 3) camera matrix in pixels")
     K = _array(value, "intrinsics", "a (3, 3) camera matrix in pixels").astype(np.float64)
@@ -109,7 +148,17 @@ def validate_intrinsics(value: Any, shape: tuple[int, int]) -> Floats:
 
 
 def validate_pose(T: Any) -> Floats | None:
-    """(4, 4) T_base_camera, rigid, if one is given."""
+    """The camera's pose, if one is given.
+
+    Args:
+        T: (4, 4), m, or None.
+
+    Returns:
+        (4, 4) float64 T_base_camera, a read-only copy; None for None.
+
+    Raises:
+        CaptureError: not a rigid transform.
+    """
     if T is None:
         return None
     try:
@@ -121,7 +170,19 @@ def validate_pose(T: Any) -> Floats | None:
 
 
 def validate_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
-    """A copy of uint8 colors of the given image or cloud shape."""
+    """Colors beside an image or a cloud.
+
+    Args:
+        value: (*shape, 3) uint8 red, green, blue, or None.
+        shape: of the image or cloud.
+        name: of the colors, in messages.
+
+    Returns:
+        A read-only copy; None for None.
+
+    Raises:
+        CaptureError: another type or shape.
+    """
     if value is None:
         return None
     colors = _array(value, name, "uint8 red, green, blue")
@@ -134,7 +195,19 @@ def validate_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | No
 
 
 def validate_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None:
-    """A copy as bool; uint8 (an image) counts where it is not 0. The target's marks something."""
+    """A mask beside an image or a cloud; the target's marks something.
+
+    Args:
+        value: bool, or uint8 (an image) that counts where it is not 0; or None.
+        shape: of the image or cloud.
+        name: of the mask, in messages.
+
+    Returns:
+        A read-only bool copy; None for None.
+
+    Raises:
+        CaptureError: another type or shape, or a target's mask that is empty.
+    """
     if value is None:
         return None
     mask = _array(value, name, "bool")
@@ -149,7 +222,18 @@ def validate_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None
 
 
 def validate_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int] | None:
-    """(u, v) inside the image, rounded to the pixel."""
+    """A pixel inside the image.
+
+    Args:
+        value: (u, v), or None.
+        shape: (H, W) of the image, or None without one.
+
+    Returns:
+        (u, v) rounded to the pixel; None for None.
+
+    Raises:
+        CaptureError: no two numbers, outside the image, or no image.
+    """
     if value is None:
         return None
     pixel = _array(value, "target_pixel", "(u, v)")
@@ -168,7 +252,17 @@ def validate_pixel(value: Any, shape: tuple[int, int] | None) -> tuple[int, int]
 
 @np.errstate(invalid="ignore", over="ignore")
 def validate_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
-    """A flat (N, 3) float32 copy, and (H, W) where the cloud is organized."""
+    """A cloud's points, laid flat.
+
+    Args:
+        value: (N, 3) or organized (H, W, 3) float, m.
+
+    Returns:
+        (N, 3) float32, its own copy; and (H, W) where the cloud is organized, else None.
+
+    Raises:
+        CaptureError: another type or shape, or no points.
+    """
     points = _array(value, "points", "(N, 3) or (H, W, 3) float meters")
     if points.dtype.kind != "f":
         raise CaptureError(f"points are {points.dtype}; valid: float meters")
@@ -188,27 +282,40 @@ def validate_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
 def validate_cloud(
     points: Points, cloud_frame: CloudFrame, T_base_camera: Floats | None
 ) -> tuple[Bools, tuple[CodedWarning, ...]]:
-    """(N,) True where a point is valid, and warnings."""
+    """Which points of a cloud were measured.
+
+    Missing is a point that is not finite (REP 117: NaN invalid, -inf too near, +inf nothing in
+    range) or that is 0, 0, 0. Any share of them is fine.
+
+    Args:
+        points: (N, 3) float32, m, in `cloud_frame`.
+        cloud_frame: 'optical' or 'base'.
+        T_base_camera: (4, 4), or None where it is unknown.
+
+    Returns:
+        (N,) bool, True where a point is valid; and warnings.
+
+    Raises:
+        CaptureError: no valid point, millimeters, or over 0.1 % behind an optical camera.
+    """
     x, y, z = points.T
     keep = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
-    odd = int(np.count_nonzero(np.isinf(points).any(axis=1))) if not keep.all() else 0
     keep &= (x != 0) | (y != 0) | (z != 0)
+    warnings = []
     if cloud_frame == "optical":
-        behind = keep & (z <= 0)
-        odd += int(np.count_nonzero(behind))
+        behind = int(np.count_nonzero(keep & (z <= 0)))
         keep &= z > 0
-    if odd > _BAD_SHARE * len(points):
-        raise CaptureError(
-            f"cloud has {odd} of {len(points)} points infinite or behind the camera; valid: z "
-            "forward, in meters (or cloud frame 'base' for points in a frame with z up)"
-        )
+        if behind > _BAD_SHARE * len(points):
+            raise CaptureError(
+                f"cloud has {behind} of {len(points)} points behind the camera; valid: z forward, "
+                "in meters (or cloud frame 'base' for points in a frame with z up)"
+            )
+        if behind:
+            said = f"{behind} points behind the camera, of {len(points)}, dropped"
+            warnings.append(CodedWarning("points_behind_camera", said))
     valid = int(np.count_nonzero(keep))
     if valid == 0:
         raise CaptureError("cloud has no valid point; valid: finite meters")
-    warnings = []
-    if odd:
-        said = f"{odd} infinite points or behind the camera, of {len(points)}, dropped"
-        warnings.append(CodedWarning("points_dropped", said))
     if cloud_frame == "optical":
         far = np.count_nonzero(keep & (z > _MILLIMETERS_ABOVE_M))
         keep &= z <= FARTHEST_M
@@ -216,12 +323,9 @@ def validate_cloud(
         kept = points if valid == len(points) else np.take(points, np.flatnonzero(keep), axis=0)
         apart = np.abs(kept - np.median(kept, axis=0))  # base frames may lie far from the scene
         far = np.count_nonzero(apart.max(axis=1) > _MILLIMETERS_ABOVE_M)
-        if T_base_camera is not None:
-            T_camera_base = invert(T_base_camera)
-            ahead = kept @ T_camera_base[2, :3].astype(np.float32) > -T_camera_base[2, 3]
-            if 2 * np.count_nonzero(ahead) < valid:
-                said = "the camera pose given looks away from most of the cloud"
-                warnings.append(CodedWarning("camera_looks_away", said))
+        if T_base_camera is not None and _looks_away(kept, T_base_camera):
+            said = "the camera pose given looks away from most of the cloud"
+            warnings.append(CodedWarning("camera_looks_away", said))
     if 2 * far > valid:
         raise CaptureError(_looks_like_millimeters("cloud"))
     if not keep.any():
@@ -229,10 +333,31 @@ def validate_cloud(
     return keep, tuple(warnings)
 
 
+def _looks_away(points: Points, T_base_camera: Floats) -> bool:
+    """Whether most points (base frame) lie behind the camera."""
+    T_camera_base = invert(T_base_camera)
+    ahead = points @ T_camera_base[2, :3].astype(np.float32) > -T_camera_base[2, 3]
+    return bool(2 * np.count_nonzero(ahead) < len(points))
+
+
 def in_order(
     keep: Bools, points: Points, colors: Bytes | None, mask: Bools | None, robot_mask: Bools | None
 ) -> tuple[Points, Bytes | None, Bools | None, Bools | None]:
-    """Valid points and what lies beside them, sorted by x, y, z; read-only."""
+    """Valid points and what lies beside them, sorted by x, y, z.
+
+    Args:
+        keep: (N,) bool, which points are valid.
+        points: (N, 3) float32.
+        colors: (N, 3) uint8, or None.
+        mask: (N,) bool, or None.
+        robot_mask: (N,) bool, or None.
+
+    Returns:
+        The four, read-only.
+
+    Raises:
+        CaptureError: the mask marks no valid point.
+    """
     if not keep.all():
         points = np.take(points, np.flatnonzero(keep), axis=0)
         colors = colors[keep] if colors is not None else None
