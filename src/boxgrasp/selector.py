@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, readonly
+from boxgrasp.arrays import readonly
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.errors import CodedWarning, ConfigError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
 from boxgrasp.grasps.candidates import FACES, candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
-from boxgrasp.grasps.checks.check import validated as validated_result
+from boxgrasp.grasps.checks.check import validate_check, validate_result
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 from boxgrasp.mapping.ray_insertion import Scan, build_local_map
@@ -26,8 +26,15 @@ from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Truncation, find_truncation
-from boxgrasp.ranking.ranker import Ranker, RankerSetup, Ranking, RankingContext, ranker_named
-from boxgrasp.ranking.ranker import validated as validated_ranking
+from boxgrasp.ranking.ranker import (
+    Ranker,
+    RankerSetup,
+    Ranking,
+    RankingContext,
+    ranker_named,
+    validate_ranker,
+    validate_ranking,
+)
 from boxgrasp.result import Candidate, CheckValue, Grasp, Refusal, Selection, TargetBox
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.version import __version__
@@ -102,7 +109,8 @@ class GraspSelector:
             checks: in place of `default_checks(config)`.
 
         Raises:
-            ConfigError: a faulty configuration, or two checks of one name.
+            ConfigError: a faulty configuration, what is no ranker or no check, or two checks of
+                one name.
             ModelError: models that are missing, damaged, or do not fit the code's features.
             MissingExtraError: an SVM ranker without onnxruntime.
         """
@@ -110,9 +118,12 @@ class GraspSelector:
         self._hash = config_hash(self.config)
         setup = RankerSetup(self.config.models, self.config.gripper, self.config.candidates.lines)
         self.ranker = (
-            ranker_named(self.config.ranker, setup) if ranker is None else ranker.prepared(setup)
+            ranker_named(self.config.ranker, setup)
+            if ranker is None
+            else validate_ranker(ranker).prepared(setup)
         )
-        self.checks = tuple(default_checks(self.config) if checks is None else checks)
+        own = default_checks(self.config) if checks is None else checks
+        self.checks = tuple(validate_check(check) for check in own)
         names = [check.name for check in self.checks]
         if len(set(names)) < len(names):
             raise ConfigError(f"checks are named {', '.join(names)}; valid: each name once")
@@ -146,7 +157,7 @@ class GraspSelector:
         )
         # 5. The order of the candidates (2-3).
         context, clock = analysis.context, analysis.clock
-        ranking = validated_ranking(
+        ranking = validate_ranking(
             self.ranker, self.ranker.rank(context), len(context.candidates.label)
         )
         clock.lap("rank")
@@ -275,7 +286,7 @@ class GraspSelector:
 
     @staticmethod
     def _evaluated(check: Check, context: CheckContext) -> CheckResult:
-        return validated_result(check, check.evaluate(context), len(context.candidates.label))
+        return validate_result(check, check.evaluate(context), len(context.candidates.label))
 
     def _maps(
         self, view: _View, box: Box, map_resolutions_m: Sequence[float]

@@ -24,6 +24,8 @@ D = TypeVar("D")
 Source = str | PathLike[str]
 Place = tuple[str | int, ...]
 
+_DEEPEST = 10  # levels of settings that no annotation knows; YAML aliases could nest them forever
+
 
 def build(kind: type[D], data: Any, origin: str, error: type[BoxgraspError]) -> D:
     """A frozen dataclass from plain data; `origin` names the data's source in messages.
@@ -59,12 +61,34 @@ def _validated(kind: Any, data: Any, place: Place) -> Any:
             if key not in names:
                 raise _FaultError(_unknown(key, section, names, place))
         return {key: _validated(hints[key], value, (*place, key)) for key, value in data.items()}
+    if isinstance(data, Mapping) and dict in map(typing.get_origin, _members(kind)):
+        return _free(data, place)
     if isinstance(data, list | tuple) and kind is not Any:
         items = _item_kinds(kind)
         pairs = zip(items, data, strict=False)
         return [_validated(item, value, (*place, i)) for i, (item, value) in enumerate(pairs)]
     if isinstance(data, float) and not math.isfinite(data):
         raise _FaultError(f"{_spell(place)} is {data}; valid: a finite number")
+    return data
+
+
+def _free(data: Any, place: Place) -> Any:
+    """Settings that no annotation knows, as those of a plugin: plain data and nothing else."""
+    if len(place) > _DEEPEST:
+        raise _FaultError(f"{_spell(place)} is nested too deeply; valid: {_DEEPEST} levels")
+    if isinstance(data, Mapping):
+        for key in data:
+            if not isinstance(key, str):
+                raise _FaultError(f"key {_shown(key)} in {_spell(place)} is no text; valid: text")
+        return {key: _free(value, (*place, key)) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_free(value, (*place, i)) for i, value in enumerate(data)]
+    finite = not isinstance(data, float) or math.isfinite(data)
+    if not finite or not isinstance(data, bool | int | float | str | types.NoneType):
+        raise _FaultError(
+            f"{_spell(place)} is {data if not finite else type(data).__name__}; valid: a finite "
+            "number, text, true, false, null, a list or a section"
+        )
     return data
 
 
@@ -275,18 +299,19 @@ def _dumper() -> Any:
     return Dumper
 
 
-def plugin(group: str, name: str) -> Any:
-    """What an installed package brings under a name.
+def plugin(group: str, name: str, settings: Mapping[str, Any] | None = None) -> Any:
+    """An object of a class that an installed package brings under a name.
 
     Args:
         group: of entry points.
         name: of the entry point.
+        settings: what the class is called with, by name.
 
     Returns:
-        The object that it names, or None where no package has it.
+        The object, or None where no package has the name.
 
     Raises:
-        ConfigError: it cannot be imported, or two packages have it.
+        ConfigError: it cannot be imported, does not take the settings, or two packages have it.
     """
     from importlib.metadata import entry_points
 
@@ -297,10 +322,11 @@ def plugin(group: str, name: str) -> Any:
     if not found:
         return None
     try:
-        return found[0].load()
-    except Exception as fault:  # the package's own import may raise anything
+        return found[0].load()(**(settings or {}))
+    except Exception as fault:  # the package's own code may raise anything
+        kind = "" if isinstance(fault, BoxgraspError) else f"{type(fault).__name__}: "
         raise ConfigError(
-            f"entry point {name!r} of {group}, {found[0].value}: {type(fault).__name__}: {fault}"
+            f"entry point {name!r} of {group}, {found[0].value}: {kind}{_line(fault)}"
         ) from None
 
 

@@ -152,23 +152,47 @@ def ranker_named(name: str, setup: RankerSetup | None = None) -> Ranker:
         The ranker.
 
     Raises:
-        ConfigError: no ranker has the name, or its models are for another number of lines.
+        ConfigError: no ranker has the name, its package cannot be used, or its models are for
+            another number of lines.
         ModelError: its models are missing, damaged, or do not fit the code's features.
         MissingExtraError: it needs onnxruntime, which is not installed.
     """
-    make: Any
     if name in SHIPPED:
         module, kind = SHIPPED[name].split(":")
-        make = getattr(import_module(module), kind)
+        ranker = getattr(import_module(module), kind)()
     else:
-        make = plugin(PLUGINS, name)
-        if make is None:
+        ranker = plugin(PLUGINS, name)
+        if ranker is None:
             raise ConfigError(f"unknown ranker: {name}; valid: {', '.join(ranker_names())}")
-    ranker: Ranker = make()
-    return ranker.prepared(setup or RankerSetup())
+    return validate_ranker(ranker).prepared(setup or RankerSetup())
 
 
-def validated(ranker: Ranker, ranking: Ranking, count: int) -> Ranking:
+def validate_ranker(ranker: Any) -> Ranker:
+    """A ranker, refused where it is none.
+
+    Args:
+        ranker: what a caller or a package handed over.
+
+    Returns:
+        The same ranker.
+
+    Raises:
+        ConfigError: it is a class, or lacks a name, `rank` or `prepared`.
+    """
+    kind = ranker.__name__ if isinstance(ranker, type) else type(ranker).__name__
+    if isinstance(ranker, type):
+        raise ConfigError(f"ranker {kind} is a class; valid: an object of it, {kind}(...)")
+    methods = all(hasattr(ranker, method) for method in ("rank", "prepared"))
+    if not isinstance(getattr(ranker, "name", None), str) or not methods:
+        raise ConfigError(
+            f"{kind} is no ranker; valid: a class that inherits from Ranker, with a name and "
+            "rank(context)"
+        )
+    found: Ranker = ranker
+    return found
+
+
+def validate_ranking(ranker: Ranker, ranking: Ranking, count: int) -> Ranking:
     """A ranking, refused where it does not fit.
 
     Args:

@@ -11,7 +11,13 @@ from msgspec import Meta
 from boxgrasp.errors import ConfigError
 from boxgrasp.grasps.checks.allowed_faces import AllowedFaces
 from boxgrasp.grasps.checks.approach_clearance import ApproachClearance
-from boxgrasp.grasps.checks.check import Check, CheckResult, Rejection, Witness
+from boxgrasp.grasps.checks.check import (
+    Check,
+    CheckResult,
+    Rejection,
+    Witness,
+    validate_check,
+)
 from boxgrasp.grasps.checks.context import CheckContext
 from boxgrasp.grasps.checks.occluded_clearance import OccludedClearance
 from boxgrasp.grasps.checks.plane_clearance import PlaneClearance
@@ -20,7 +26,7 @@ from boxgrasp.grasps.checks.unseen_fraction import UnseenFraction
 from boxgrasp.grasps.checks.visible_clearance import VisibleClearance
 from boxgrasp.grasps.checks.width import Width
 from boxgrasp.grasps.checks.width_known import WidthKnown
-from boxgrasp.strict import plugin
+from boxgrasp.strict import plugin, plugin_names
 
 PLUGINS = "boxgrasp.checks"
 
@@ -104,20 +110,18 @@ def plugin_checks(config: ChecksConfig) -> tuple[Check, ...]:
         One check a name, in the order of the configuration.
 
     Raises:
-        ConfigError: no entry point has the name, or it does not take the settings.
+        ConfigError: no entry point has the name, it cannot be imported, does not take the
+            settings, or is no check.
     """
     found = []
     for name, settings in config.plugins.items():
-        make = plugin(PLUGINS, name)
-        if make is None:
+        check = plugin(PLUGINS, name, settings)
+        if check is None:
+            known = ", ".join(plugin_names(PLUGINS)) or "none is installed"
             raise ConfigError(
-                f"checks.plugins: no entry point {name!r} in the group {PLUGINS}; valid: the name "
-                "of a check that an installed package brings"
+                f"checks.plugins: no entry point {name!r} in the group {PLUGINS}; valid: {known}"
             )
-        try:
-            found.append(make(**settings))
-        except TypeError as error:
-            raise ConfigError(f"checks.plugins.{name}: {error}") from None
+        found.append(validate_check(check))
     return tuple(found)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, readonly
-from boxgrasp.errors import BoxgraspError
+from boxgrasp.errors import BoxgraspError, ConfigError
 
 if TYPE_CHECKING:
     from boxgrasp.grasps.checks.context import CheckContext
@@ -202,7 +202,28 @@ def spelled(value: float, unit: str | None) -> str:
     return f"{value:.0%}".replace("%", " %") if unit == "fraction" else f"{value:g} {unit}"
 
 
-def validated(check: Check, result: CheckResult, count: int) -> CheckResult:
+def validate_check(check: Any) -> Check:
+    """A check, refused where it is none.
+
+    Args:
+        check: what a caller or a package handed over.
+
+    Returns:
+        The same check.
+
+    Raises:
+        ConfigError: it is a class, or has no name or no `evaluate`.
+    """
+    kind = check.__name__ if isinstance(check, type) else type(check).__name__
+    if isinstance(check, type):
+        raise ConfigError(f"check {kind} is a class; valid: an object of it, {kind}(...)")
+    if not isinstance(getattr(check, "name", None), str) or not hasattr(check, "evaluate"):
+        raise ConfigError(f"{kind} is no check; valid: an object with a name and evaluate(context)")
+    found: Check = check
+    return found
+
+
+def validate_result(check: Check, result: CheckResult, count: int) -> CheckResult:
     """The result of a check, refused where it does not fit.
 
     Args:
