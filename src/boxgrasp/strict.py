@@ -61,7 +61,7 @@ def _validated(kind: Any, data: Any, place: Place) -> Any:
             if key not in names:
                 raise _FaultError(_unknown(key, section, names, place))
         return {key: _validated(hints[key], value, (*place, key)) for key, value in data.items()}
-    if isinstance(data, Mapping) and dict in map(typing.get_origin, _members(kind)):
+    if isinstance(data, Mapping) and typing.get_origin(_strip(kind)) is dict:
         return _free(data, place)
     if isinstance(data, list | tuple) and kind is not Any:
         items = _item_kinds(kind)
@@ -203,6 +203,9 @@ def _kind_name(kind: Any) -> str:
         return describe(kind)
     if typing.get_origin(kind) is typing.Literal:
         return ", ".join(str(value) for value in typing.get_args(kind))
+    if typing.get_origin(kind) is dict:
+        value = typing.get_args(kind)[1]
+        return "a section" if value is Any else f"a section, each entry {describe(value)}"
     if typing.get_origin(kind) in (tuple, list):
         args = typing.get_args(kind)
         if typing.get_origin(kind) is list or args[-1] is Ellipsis:
