@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from boxgrasp.config import Config, config_hash, dump_config, load_config, load_gripper
 from boxgrasp.errors import BoxgraspError, ConfigError, GripperError
-from boxgrasp.strict import build, describe
+from boxgrasp.strict import build, describe, to_yaml
 
 
 def sections(kind: type, place: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], type]]:
@@ -73,9 +73,116 @@ def test_unknown_key_is_refused_at_every_depth(place: tuple[str, ...], kind: typ
     assert not place or f"in {'.'.join(place)};" in text
 
 
+RENAMED = {
+    (): {
+        "options": "candidates",
+        "occupancy": "mapping",
+        "check": "checks",
+        "chooser": "ranker",
+    },
+    ("scene",): {
+        "near_m": "min_range_m",
+        "far_m": "max_range_m",
+        "cluster_m": "cluster_tolerance_m",
+        "lowest_m": "min_height_m",
+        "highest_m": "max_height_m",
+        "outlier_neighbours": "outlier_nb_neighbors",
+        "outlier_sigma": "outlier_std_ratio",
+        "least_points": "min_cluster_size",
+    },
+    ("mapping",): {
+        "hit": "prob_hit",
+        "miss": "prob_miss",
+        "thin": "stride",
+        "centre_above_support_m": "center_above_support_m",
+    },
+    ("checks",): {
+        "clearance_m": "visible_clearance_m",
+        "noise_m": "noise_margin_m",
+        "body_m": "occluded_clearance_m",
+        "unseen_m": "unseen_distance_m",
+        "unseen_share": "unseen_fraction",
+        "approach_back_m": "pregrasp_distance_m",
+        "approach_m": "approach_clearance_m",
+        "support_m": "plane_clearance_m",
+        "width_m": "width_margin_m",
+    },
+    ("gripper",): {"opening_m": "max_opening_m", "reach_past_face_m": "insertion_depth_m"},
+}
+OLD_NAMES = [(place, old, new) for place, names in RENAMED.items() for old, new in names.items()]
+
+
+@pytest.mark.parametrize(("place", "old", "new"), OLD_NAMES, ids=str)
+def test_an_old_name_is_refused_with_the_new_one(
+    place: tuple[str, ...], old: str, new: str, tmp_path: Path
+) -> None:
+    """From Python, from YAML, and beside the new name."""
+    path = tmp_path / "c.yaml"
+    where = f" in {'.'.join(place)}" if place else ""
+    for leaf in ({old: 0.1}, {new: {}, old: 0.1}):
+        path.write_text(to_yaml(nest(place, dict(leaf))))
+        for source in (nest(place, dict(leaf)), path):
+            with pytest.raises(ConfigError) as error:
+                load_config(source)
+            assert f"{old!r}{where} is now {new!r}" in one_line(error)
+
+
+def test_every_old_name_leads_to_a_name_that_is_read() -> None:
+    kinds = dict(SECTIONS)
+    for place, old, new in OLD_NAMES:
+        names = {field.name for field in dataclasses.fields(kinds[place])}
+        assert new in names and old not in names
+
+
+@pytest.mark.parametrize(("old", "new"), RENAMED["gripper",].items(), ids=str)
+def test_an_old_name_in_a_gripper_file(old: str, new: str, tmp_path: Path) -> None:
+    path = tmp_path / "g.yaml"
+    path.write_text(f"{old}: 0.05")
+    with pytest.raises(GripperError, match=f"'{old}' is now '{new}'") as error:
+        load_gripper(path)
+    assert str(path) in one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("plugins", "said"),
+    [
+        ({"a": 1}, "checks.plugins is a section; valid: a section, each entry a section"),
+        (1, "checks.plugins is 1; valid: a section, each entry a section"),
+        ({"a": {"b": float("nan")}}, "checks.plugins.a.b is nan; valid: a finite number, text"),
+        ({"a": {"b": [1, {1}]}}, "checks.plugins.a.b[1] is set; valid: a finite number, text"),
+        ({"a": {"b": {1: 2}}}, "key 1 in checks.plugins.a.b is no text"),
+    ],
+    ids=str,
+)
+def test_settings_of_plugins_are_plain_data(plugins: object, said: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        load_config({"checks": {"plugins": plugins}})
+    assert said in one_line(error)
+
+
+def test_settings_of_plugins_cannot_be_nested_forever(tmp_path: Path) -> None:
+    levels = [f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}, *a{i - 1}]" for i in range(1, 40)]
+    path = tmp_path / "c.yaml"
+    inner = "".join(f"      {line}\n" for line in ["a0: &a0 [1]", *levels])
+    path.write_text(f"checks:\n  plugins:\n    own:\n{inner}")
+    with pytest.raises(ConfigError, match=r"nested too deeply; valid: 10 levels"):
+        load_config(path)
+
+
+def test_settings_of_plugins_are_part_of_the_hash() -> None:
+    settings = {"keep-out": {"low_m": [0.1, 0.2, 0.3], "why": "shelf", "on": True, "more": None}}
+    config = load_config({"checks": {"plugins": settings}})
+    assert config.checks.plugins == settings
+    assert load_config(config) == config
+    assert config_hash(config) not in (
+        config_hash(Config()),
+        config_hash(load_config({"checks": {"plugins": {"keep-out": {"low_m": [0.1, 0.2, 0.4]}}}})),
+    )
+
+
 @pytest.mark.parametrize(("place", "name"), LEAVES, ids=str)
 def test_every_leaf_refuses_nonsense(place: tuple[str, ...], name: str) -> None:
-    for value in ({"a": {"b": 1}}, float("nan")):
+    for value in ({"a": {"b": {1}}}, float("nan")):
         with pytest.raises(ConfigError) as error:
             load_config(nest(place, {name: value}))
         assert ".".join((*place, name)) in one_line(error)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 import numpy as np
@@ -45,6 +45,13 @@ class MappingConfig:
     center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
     stride: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
 
+    RENAMED: ClassVar = {
+        "hit": "prob_hit",
+        "miss": "prob_miss",
+        "thin": "stride",
+        "centre_above_support_m": "center_above_support_m",
+    }
+
     def lattice(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
         """Key of the lowest cell and (nx, ny, nz).
 
@@ -63,7 +70,7 @@ class MappingConfig:
         shape = (2 * n, 2 * n, top - low + 1)
         if shape[0] * shape[1] * shape[2] > _MOST_CELLS:
             raise ConfigError(
-                f"occupancy: resolution_m {s} makes {shape[0]} x {shape[1]} x {shape[2]} cells; "
+                f"mapping: resolution_m {s} makes {shape[0]} x {shape[1]} x {shape[2]} cells; "
                 f"valid: at most {_MOST_CELLS} (coarser, or a smaller half_width_m, height_m)"
             )
         return np.array([-n, -n, low], dtype=np.int64), shape

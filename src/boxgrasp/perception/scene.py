@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -57,6 +57,17 @@ class SceneConfig:
     outlier_std_ratio: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
     min_cluster_size: Annotated[int, Meta(ge=1)] = 20
     workspace_m: tuple[Corner, Corner] | None = None
+
+    RENAMED: ClassVar = {
+        "near_m": "min_range_m",
+        "far_m": "max_range_m",
+        "cluster_m": "cluster_tolerance_m",
+        "lowest_m": "min_height_m",
+        "highest_m": "max_height_m",
+        "outlier_neighbours": "outlier_nb_neighbors",
+        "outlier_sigma": "outlier_std_ratio",
+        "least_points": "min_cluster_size",
+    }
 
 
 @dataclass(frozen=True, eq=False)
