@@ -179,7 +179,7 @@ def test_boxes_of_cast_targets(seed: int, yaw: str) -> None:
     """The target's own exact points, alone on the table: within 5 mm of the true box."""
     scene = drawn(seed, (0, 0), yaw)
     view = scene.view()
-    v, u = np.nonzero(view.labels == scene.target_label)
+    v, u = np.nonzero(view.object_ids == scene.target_id)
     K, T = scene.intrinsics, scene.T_base_camera
     z = view.depth[v, u]
     rays = np.column_stack(((u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z))

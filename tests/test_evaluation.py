@@ -71,8 +71,8 @@ def test_a_row_s_pick_is_the_selector_s_answer(
         picks = evaluation.picks(ranker, target_source, check)
         for k in range(0, TESTED.count, 5):
             scenario = scenario_of_row(TESTED.rows, k)
-            capture, labels = scenario.capture("xtion")
-            mask = Target(mask=labels == scenario.scene.target_label)
+            capture, object_ids = scenario.capture("xtion")
+            mask = Target(mask=object_ids == scenario.scene.target_id)
             try:
                 answer = selector.select(capture, mask if target_source == "given" else None)
             except BoxgraspError:

@@ -15,10 +15,11 @@ from boxgrasp.grasps import scoring
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.raycast import BOX
+from boxgrasp.kernels.solids import edge_to_solid
 from boxgrasp.perception.scene import SceneConfig, find_scene
 from boxgrasp.simulate import Box as SolidBox
 from boxgrasp.simulate import box_clearance, candidate_truth, true_candidates
-from boxgrasp.simulate.distance import boxes_to_solids, edge_to_solid
+from boxgrasp.simulate.distance import boxes_to_solids
 
 HAND = Gripper()
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)
@@ -87,7 +88,7 @@ def test_cells_equal_exact_solids(seed: int, yaw: float, equal: bool) -> None:
     centers = rng.normal(0, 0.25, (12, 3))
     sizes = np.full(12, 0.03) if equal else rng.choice([0.03, 0.07, 0.24], 12)
     boxes = hand_distance.uprights(T, HAND.half_m)
-    found = hand_distance.to_cells(boxes, centers, sizes, yaw)
+    found, _ = hand_distance.to_cells(boxes, centers, sizes, yaw)
     solids = [
         SolidBox(make_transform(rotation_z(yaw), center), np.full(3, size))
         for center, size in zip(centers, sizes, strict=True)
@@ -107,7 +108,7 @@ def test_cells_bound_their_dense_samples() -> None:
         center, yaw = rng.normal(0, 0.2, 3), rng.uniform(-2, 2)
         samples = grid @ rotation_z(yaw).T + center
         sampled, _ = hand_distance.to_points(boxes, samples.astype(np.float32))
-        found = hand_distance.to_cells(boxes, center[None], np.array([0.07]), yaw)
+        found, _ = hand_distance.to_cells(boxes, center[None], np.array([0.07]), yaw)
         assert (found <= sampled + 1e-6).all()
         assert (sampled <= found + 0.002).all()
 
@@ -160,12 +161,13 @@ def test_inside_is_nought_and_nothing_is_the_cap() -> None:
     assert (inside == 0).all() and (nearest >= 0).all()
     none, nearest = hand_distance.to_points(boxes, np.empty((0, 3), np.float32))
     assert (none == 0.5).all() and (nearest == -1).all()
-    assert (hand_distance.to_cells(boxes, np.empty((0, 3)), np.empty(0), 0.3) == 0.5).all()
+    none, nearest = hand_distance.to_cells(boxes, np.empty((0, 3)), np.empty(0), 0.3)
+    assert (none == 0.5).all() and (nearest == -1).all()
     far = np.array([[0.0, 0.0, 9.0]])
     assert (hand_distance.to_points(boxes, far.astype(np.float32))[0] == 0.5).all()
-    assert (hand_distance.to_cells(boxes, far, np.array([0.1]), 0.3) == 0.5).all()
+    assert (hand_distance.to_cells(boxes, far, np.array([0.1]), 0.3)[0] == 0.5).all()
     # A cell that holds the whole gripper: no corner of one lies in the other's border.
-    assert (hand_distance.to_cells(boxes, np.zeros((1, 3)), np.array([4.0]), 0.7) == 0).all()
+    assert (hand_distance.to_cells(boxes, np.zeros((1, 3)), np.array([4.0]), 0.7)[0] == 0).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -221,30 +223,30 @@ def test_uprights_stand_for_the_gripper_boxes() -> None:
     ],
 )
 def test_score_of_section_3_4(clearance_m: float, best_m: float, expected: float) -> None:
-    assert scoring.score(clearance_m, best_m) == pytest.approx(expected, abs=1e-12)
+    assert scoring.THESIS_SCORE([clearance_m], [best_m]) == pytest.approx([expected], abs=1e-12)
 
 
-def test_thesis_score_looks_at_all_candidates_and_the_strict_one_at_the_valid() -> None:
-    clearances = [0.083, 0.028, 0.05, 0.0]
-    assert scoring.thesis_score(clearances, 0) == 1.0
-    assert scoring.thesis_score(clearances, 1) == pytest.approx(0.04)
-    assert scoring.thesis_score(clearances, 3) == 0.0
-    valid = [False, True, True, True]  # the best goes into the table
-    assert scoring.strict_score(clearances, valid, 0) == 0.0
-    assert scoring.strict_score(clearances, valid, 2) == 1.0
-    assert scoring.strict_score(clearances, valid, 1) == pytest.approx((0.8 / 3.0) ** 2)
-    assert scoring.strict_score(clearances, [False] * 4, 2) == 0.0
+def naive_score(d: float, best: float) -> float:
+    """The thesis's words, one grasp at a time, in meters."""
+    u = min(0.06, best)
+    if d < 0.02 or best < 0.02:
+        return 0.0
+    return 1.0 if d >= u else ((d - 0.02) / (u - 0.02)) ** 2
 
 
 @QUICK
-@given(d=st.floats(0, 0.5), best=st.floats(0, 0.5))
-def test_score_is_a_share_and_rises(d: float, best: float) -> None:
-    best = max(d, best)
-    assert 0.0 <= scoring.score(d, best) <= 1.0
-    assert scoring.score(d, best) <= scoring.score(min(d + 0.01, best), best) + 1e-12
-    assert scoring.score(best, best) == (1.0 if best >= 0.02 else 0.0)
+@given(pairs=st.lists(st.tuples(st.floats(0, 0.5), st.floats(0, 0.5)), min_size=1, max_size=9))
+def test_scores_equal_the_naive_reading_and_rise(pairs: list[tuple[float, float]]) -> None:
+    d = np.array([min(pair) for pair in pairs])
+    best = np.array([max(pair) for pair in pairs])
+    found = scoring.THESIS_SCORE(d, best)
+    assert found == pytest.approx([naive_score(*pair) for pair in zip(d, best, strict=True)])
+    assert ((found >= 0.0) & (found <= 1.0)).all()
+    assert (found <= scoring.THESIS_SCORE(np.minimum(d + 0.01, best), best) + 1e-12).all()
+    assert scoring.THESIS_SCORE(best, best).tolist() == (best >= 0.02).astype(float).tolist()
 
 
 def test_categories() -> None:
     pairs = ((0.0, "red"), (0.0199, "red"), (0.02, "yellow"), (0.0599, "yellow"), (0.06, "green"))
     assert [scoring.category(d) for d, _ in pairs] == [name for _, name in pairs]
+    assert list(dict.fromkeys(name for _, name in pairs)) == list(scoring.CATEGORIES)

@@ -57,13 +57,13 @@ def test_scenes_of_the_real_set() -> None:
     seen = set()
     for _ in range(12):
         scene = draw_scene(rng, obstacles=4, objects=objects)
-        assert objects[scene.names[scene.target_label]].set == "real"
+        assert objects[scene.names[scene.target_id]].set == "real"
         seen |= set(scene.names.values())
         floating = {n for n, name in scene.names.items() if name == "wooden_bar"}
-        assert set(scene.floating_labels) == floating
-        for label in scene.obstacle_labels:
-            low = min(p.T_base_solid[2, 3] - p.half_size[2] for p in scene._solids((label,)))
-            if label in floating:
+        assert set(scene.floating_ids) == floating
+        for number in scene.obstacle_ids:
+            low = min(p.T_base_solid[2, 3] - p.half_size[2] for p in scene.solids_of((number,)))
+            if number in floating:
                 assert 0.2199 <= low - 0.80 <= 0.3201
             else:
                 assert low == pytest.approx(0.80, abs=1e-9)
@@ -138,7 +138,7 @@ def test_what_can_stand_is_read(tmp_path) -> None:
     load(tmp_path, left, right)
 
 
-def test_floating_labels() -> None:
+def test_floating_ids() -> None:
     item = {"x": 0.85, "y": 0.0, "z": 0.0, "yaw": 0.0, "color": [9, 9, 9]}
     spec = {
         "target": {**item, "name": "mug"},
@@ -148,4 +148,4 @@ def test_floating_labels() -> None:
         ],
         "camera": {"position": [0.1, 0.0, 1.3], "gaze": [0.85, 0.0, 0.85]},
     }
-    assert build_scene(spec).floating_labels == (3,)
+    assert build_scene(spec).floating_ids == (3,)

@@ -67,8 +67,8 @@ class TestDepth:
 
     def test_by_hand(self) -> None:
         # Straight down: z is the height over each surface, whatever the range; 0 off the table.
-        table = Box(make_transform(np.eye(3), (0, 0, 0.78)), (0.6, 0.4, 0.04), label=1)
-        cube = Box(make_transform(np.eye(3), (0, 0, 0.85)), (0.1, 0.1, 0.1), label=2)
+        table = Box(make_transform(np.eye(3), (0, 0, 0.78)), (0.6, 0.4, 0.04), object_id=1)
+        cube = Box(make_transform(np.eye(3), (0, 0, 0.85)), (0.1, 0.1, 0.1), object_id=2)
         scene = replace(
             scene_of(item("mug", 0.85, 0.0)),
             primitives=(table, cube),
@@ -77,7 +77,7 @@ class TestDepth:
         depth = mujoco_depth(scene)
         np.testing.assert_array_equal(np.unique(depth), np.float32([0.0, 0.9, 1.0]))
         assert (depth == np.float32(0.9)).sum() == round(0.1 / 0.9 * 525) ** 2
-        floor = replace(scene, primitives=(Plane(0.0, label=0), *scene.primitives))
+        floor = replace(scene, primitives=(Plane(0.0, object_id=0), *scene.primitives))
         assert (mujoco_depth(floor)[depth == 0] == np.float32(1.8)).all()
 
 

@@ -42,8 +42,8 @@ def rows():
 
 def test_a_row_is_what_the_selector_sees(rows) -> None:
     scenario = scenario_of_row(CONFIG, 3)
-    capture, labels = scenario.capture("xtion")
-    mask = Target(mask=labels == scenario.scene.target_label)
+    capture, object_ids = scenario.capture("xtion")
+    mask = Target(mask=object_ids == scenario.scene.target_id)
     for name, target in (("given", mask), ("found", None)):
         analysis = selector(name, 3).analyze(capture, target, cells_m=CELLS_M)
         for number in NUMBERS:
@@ -54,8 +54,8 @@ def test_a_row_is_what_the_selector_sees(rows) -> None:
 
 def test_matrices_are_the_features_of_the_method(rows) -> None:
     scenario = scenario_of_row(CONFIG, 2)
-    capture, labels = scenario.capture("xtion")
-    mask = Target(mask=labels == scenario.scene.target_label)
+    capture, object_ids = scenario.capture("xtion")
+    mask = Target(mask=object_ids == scenario.scene.target_id)
     analysis = selector("given", 3).analyze(capture, mask, cells_m=CELLS_M).context
     edge = largest_edge_m(rows)
     for name in ("grid", "spiral"):
@@ -146,10 +146,10 @@ def test_a_kept_capture_is_the_one_that_was_seen(tmp_path: Path) -> None:
     path = tmp_path / "capture.npz"
     path.write_bytes(capture_bytes((CONFIG, 4)))
     kept = load_capture(path)
-    fresh, labels = scenario_of_row(CONFIG, 4).capture("xtion")
+    fresh, object_ids = scenario_of_row(CONFIG, 4).capture("xtion")
     assert np.array_equal(kept.depth, fresh.depth)
     assert kept.target_pixel == fresh.target_pixel
-    assert np.array_equal(np.load(path, allow_pickle=False)["labels"], labels)
+    assert np.array_equal(np.load(path, allow_pickle=False)["object_ids"], object_ids)
 
 
 def test_the_true_box_holds_the_target_s_surfaces(rows) -> None:

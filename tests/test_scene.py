@@ -91,7 +91,7 @@ def test_a_larger_floor_is_not_the_support() -> None:
     )
     view = cast(scene.primitives, scene.intrinsics, T)
     near = (view.depth > 0) & (view.depth < 5)
-    assert np.count_nonzero((view.labels == 0) & near) > np.count_nonzero(view.labels == 1)
+    assert np.count_nonzero((view.object_ids == 0) & near) > np.count_nonzero(view.object_ids == 1)
     capture = Capture(np.where(near, view.depth, 0), scene.intrinsics, T)
     found = find_scene(capture, (), SceneConfig(max_range_m=2.5))
     assert height_errors(found).max() < 0.002
@@ -151,9 +151,9 @@ def test_every_object_is_found_once(segmentation: str, noise: int | None) -> Non
 
 def test_listed_pixels_lie_on_their_objects() -> None:
     scene = laid(*SPREAD)
-    labels = scene.view().labels
+    object_ids = scene.view().object_ids
     listed = GraspSelector().objects(seen(scene, 0))
-    true = [int(labels[o.pixel[1], o.pixel[0]]) for o in listed if o.pixel is not None]
+    true = [int(object_ids[o.pixel[1], o.pixel[0]]) for o in listed if o.pixel is not None]
     assert sorted(true) == [2, 3, 4, 5, 6]
     capture = seen(scene, 0)
     found = find_scene(capture, (), SceneConfig())
@@ -208,10 +208,10 @@ def wrong_boxes(segmentation: str, seeds: range) -> list[int]:
     wrong = []
     for seed in seeds:
         scene = draw_scene(np.random.default_rng(seed), obstacles=4, area_m=0.32)
-        capture, labels = to_capture(scene, np.random.default_rng(seed))
+        capture, object_ids = to_capture(scene, np.random.default_rng(seed))
         found = find_scene(capture, (), SceneConfig(segmentation=segmentation))  # type: ignore[arg-type]
         assert capture.target_pixel is not None
-        truth = Target(mask=labels == scene.target_label)
+        truth = Target(mask=object_ids == scene.target_id)
         sizes = [
             fit_box(found.points[find_target(found, capture, target).own], found.plane, 0.0,
                     BoxConfig(fit="aligned")).dimensions_m
@@ -258,7 +258,7 @@ def test_workspace_bounds_the_objects_but_not_the_obstacles() -> None:
 def test_robot_mask_takes_the_arm_out() -> None:
     scene = laid(*SPREAD)
     view = scene.view()
-    arm = view.labels == 3
+    arm = view.object_ids == 3
     bare = seen(scene)
     capture = Capture(view.depth, scene.intrinsics, scene.T_base_camera, robot_mask=arm)
     found, every = (find_scene(c, (), SceneConfig()) for c in (capture, bare))

@@ -34,7 +34,7 @@ from boxgrasp.simulate import (
 from boxgrasp.simulate.camera import intrinsics_matrix, look_at
 from boxgrasp.simulate.distance import gap
 from boxgrasp.simulate.noise import axial_sigma, color_noise, edge_pixels
-from boxgrasp.simulate.scenes import PALETTE, TARGET_LABEL
+from boxgrasp.simulate.scenes import PALETTE, TARGET_ID
 
 K = intrinsics_matrix()
 SHAPE = (480, 640)
@@ -129,7 +129,7 @@ def from_solid(solid: Box | Cylinder, points: np.ndarray) -> np.ndarray:
 def test_cast_equals_naive_rays() -> None:
     rng = np.random.default_rng(0)
     for _ in range(6):
-        solids = [Plane(-0.4, label=-5), *random_solids(rng, 8)]
+        solids = [Plane(-0.4, object_id=-5), *random_solids(rng, 8)]
         place = rng.uniform(0.9, 1.3) * Rotation.random(random_state=rng).as_matrix()[0]
         place[2] = abs(place[2])  # above the plane
         T = look_at(place, rng.uniform(-0.1, 0.1, 3))
@@ -144,12 +144,12 @@ def test_cast_equals_naive_rays() -> None:
             nearest = min(hits)
             if np.isinf(nearest):
                 assert view.depth[v, u] == 0
-                assert view.labels[v, u] == view.solids[v, u] == -1
+                assert view.object_ids[v, u] == view.solids[v, u] == -1
                 continue
             assert view.depth[v, u] == pytest.approx(nearest, rel=1e-6)
             k = view.solids[v, u]
             assert hits[k] == pytest.approx(nearest, abs=1e-9)
-            assert view.labels[v, u] == solids[k].label
+            assert view.object_ids[v, u] == solids[k].object_id
             assert tuple(view.rgb[v, u]) == solids[k].color
 
 
@@ -166,8 +166,8 @@ def test_rectangles_cut_nothing() -> None:
         padded = cast(solids, wide, T, (SHAPE[0] + 400, SHAPE[1] + 400))
         inner = (slice(200, -200), slice(200, -200))
         np.testing.assert_allclose(near.depth, padded.depth[inner], atol=1e-6)
-        np.testing.assert_array_equal(near.labels, padded.labels[inner])
-    assert (cast([whole], K, look_at((1, 0, 2.0), (0, 0, 0))).labels == 0).all()
+        np.testing.assert_array_equal(near.object_ids, padded.object_ids[inner])
+    assert (cast([whole], K, look_at((1, 0, 2.0), (0, 0, 0))).object_ids == 0).all()
 
 
 def test_axis_aligned_rays_meet_exact_depths() -> None:
@@ -181,18 +181,23 @@ def test_axis_aligned_rays_meet_exact_depths() -> None:
     aside = make_transform(np.eye(3), (0.5, 0, 0.5))
     for solid in (Box(aside, (0.2, 0.2, 0.2)), Cylinder(aside, 0.1, 0.3)):
         assert cast([solid], odd, down, (201, 201)).depth[100, 100] == 0
-    assert cast([Plane(3.0)], odd, down, (201, 201)).labels.max() == -1  # behind the camera
+    assert cast([Plane(3.0)], odd, down, (201, 201)).object_ids.max() == -1  # behind the camera
 
 
 def test_depth_is_z_and_nearer_wins() -> None:
-    view = cast([Plane(0.0, label=3)], K, make_transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 1.5)))
+    view = cast(
+        [Plane(0.0, object_id=3)], K, make_transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 1.5))
+    )
     np.testing.assert_array_equal(view.depth, np.full(SHAPE, 1.5, np.float32))
     scene = demo_scene()
     back = cast(scene.primitives[::-1], scene.intrinsics, scene.T_base_camera)
     np.testing.assert_array_equal(back.depth, scene.view().depth)
-    assert np.mean(back.labels != scene.view().labels) < 1e-4  # only where two surfaces coincide
     assert (
-        set(np.unique(back.labels)) == {-1, 0, 1, 2, 3, 4, 5, 6, 7, 8} - {-1} or -1 in back.labels
+        np.mean(back.object_ids != scene.view().object_ids) < 1e-4
+    )  # only where two surfaces coincide
+    assert (
+        set(np.unique(back.object_ids)) == {-1, 0, 1, 2, 3, 4, 5, 6, 7, 8} - {-1}
+        or -1 in back.object_ids
     )
 
 
@@ -200,10 +205,10 @@ def test_shading_changes_colors_alone() -> None:
     scene = demo_scene()
     flat, shaded = scene.view(), scene.view(shading=0.5)
     np.testing.assert_array_equal(flat.depth, shaded.depth)
-    np.testing.assert_array_equal(flat.labels, shaded.labels)
+    np.testing.assert_array_equal(flat.object_ids, shaded.object_ids)
     assert (shaded.rgb <= flat.rgb).all()
-    assert len(np.unique(shaded.rgb[flat.labels == TARGET_LABEL], axis=0)) >= 2  # faces told apart
-    for array in (flat.depth, flat.rgb, flat.labels, flat.solids):
+    assert len(np.unique(shaded.rgb[flat.object_ids == TARGET_ID], axis=0)) >= 2  # faces told apart
+    for array in (flat.depth, flat.rgb, flat.object_ids, flat.solids):
         assert not array.flags.writeable
 
 
@@ -266,19 +271,19 @@ def test_noise_steps_and_drop_outs() -> None:
     assert lost[~edge & seen].mean() == pytest.approx(0.003, abs=0.001)
     assert lost[~seen].all()
     silhouette = np.zeros(SHAPE, bool)
-    labels = scene.view().labels
+    object_ids = scene.view().object_ids
     jump = np.abs(np.diff(exact, axis=1)) > 0.1
-    silhouette[:, 1:] = jump & (labels[:, 1:] != labels[:, :-1]) & (exact[:, 1:] < 1.5)
+    silhouette[:, 1:] = jump & (object_ids[:, 1:] != object_ids[:, :-1]) & (exact[:, 1:] < 1.5)
     assert edge[silhouette & (exact < 1.5)].mean() > 0.99
 
 
 def test_noise_can_be_switched_off() -> None:
     scene = demo_scene()
-    capture, labels = to_capture(scene, noise=False)
+    capture, object_ids = to_capture(scene, noise=False)
     assert capture.depth is not None
     near = scene.view().depth <= 60
     np.testing.assert_array_equal(capture.depth[near], scene.view().depth[near])
-    np.testing.assert_array_equal(labels, scene.view().labels)
+    np.testing.assert_array_equal(object_ids, scene.view().object_ids)
     still = NoiseModel(0, 0, 0, 0.02, 0, 0, 100.0, 0)
     np.testing.assert_array_equal(
         add_noise(scene.view().depth, np.random.default_rng(0), still), scene.view().depth
@@ -351,23 +356,23 @@ def test_scenes_keep_their_promises() -> None:
     counts = []
     for _ in range(40):
         scene = draw_scene(rng)
-        counts.append(len(scene.obstacle_labels))
+        counts.append(len(scene.obstacle_ids))
         center = scene.target[0].T_base_solid[:3, 3]
         assert np.abs(center[:2] - (0.85, 0)).max() <= 0.0201
         assert np.array_equal(
             np.round(scene.target[0].T_base_solid[:3, :3]), scene.target[0].T_base_solid[:3, :3]
         )
         assert min(from_lowest(s) for s in scene.target) == pytest.approx(0.80, abs=1e-9)
-        objects = [scene.target] + [scene._solids((n,)) for n in scene.obstacle_labels]
+        objects = [scene.target] + [scene.solids_of((n,)) for n in scene.obstacle_ids]
         for i, one in enumerate(objects):
             for other in objects[:i]:
                 assert min(gap(a, b) for a in one for b in other) > 0.002
-        for label, solids in zip(scene.obstacle_labels, objects[1:], strict=True):
+        for number, solids in zip(scene.obstacle_ids, objects[1:], strict=True):
             place = solids[0].T_base_solid[:2, 3]
             assert np.abs(place - center[:2]).max() <= 0.2501
             low = min(from_lowest(s) for s in solids) - 0.80
-            assert 0.1999 <= low <= 0.3001 if "lamp" in scene.names[label] else abs(low) < 1e-9
-        assert np.count_nonzero(scene.view().labels == scene.target_label) >= 300
+            assert 0.1999 <= low <= 0.3001 if "lamp" in scene.names[number] else abs(low) < 1e-9
+        assert np.count_nonzero(scene.view().object_ids == scene.target_id) >= 300
         position = scene.T_base_camera[:3, 3]
         assert (position >= (0, -0.15, 1.2)).all() and (position <= (0.2, 0.15, 1.45)).all()
     assert set(counts) == {0, 1, 2, 3, 4}
@@ -397,11 +402,11 @@ def test_target_pixel_is_on_the_visible_target() -> None:
     rng = np.random.default_rng(7)
     for _ in range(15):
         scene = draw_scene(rng, obstacles=4)
-        capture, labels = to_capture(scene, rng)
+        capture, object_ids = to_capture(scene, rng)
         u, v = capture.target_pixel
-        assert labels[v, u] == scene.target_label
+        assert object_ids[v, u] == scene.target_id
         assert capture.depth[v, u] > 0
-        rows, columns = np.nonzero(labels == scene.target_label)
+        rows, columns = np.nonzero(object_ids == scene.target_id)
         assert columns.min() <= u <= columns.max()
 
 
@@ -474,7 +479,7 @@ def test_distance_equals_a_convex_solver() -> None:
                 rng.uniform(-half, half),
                 bounds=bounds,
                 tol=1e-16,
-                candidates={"maxiter": 500},
+                options={"maxiter": 500},
             ).fun
             for _ in range(3)
         )
@@ -640,7 +645,7 @@ def test_demo_is_cluttered_solvable_and_steady() -> None:
     truth = candidate_truth(scene, true_candidates(scene).T_base_gripper)
     assert 1 <= truth.valid.sum() <= 5
     assert truth.best_m > 0.05
-    assert len(scene.obstacle_labels) >= 5
+    assert len(scene.obstacle_ids) >= 5
     assert capture.target_pixel is not None
     again = demo_capture(3)
     assert capture.depth is not None and again.depth is not None

@@ -18,7 +18,7 @@ CUBE, TUBE, CAN = 2, 3, 4
 LAID = laid(
     item("green_cube", 0.85, 0.0), item("crisps_tube", 0.95, 0.22), item("beans_can", 0.75, -0.2)
 )
-LABELS = LAID.view().labels
+OBJECT_IDS = LAID.view().object_ids
 
 
 @cache
@@ -53,7 +53,7 @@ def chosen(target: Target | None, capture: Capture | None = None) -> int:
 
 
 def middle_pixel(label: int) -> tuple[int, int]:
-    v, u = np.nonzero(LABELS == label)
+    v, u = np.nonzero(OBJECT_IDS == label)
     return int(np.median(u)), int(np.median(v))
 
 
@@ -61,11 +61,11 @@ def middle_pixel(label: int) -> tuple[int, int]:
 def test_by_pixel_point_mask_and_number(label: int) -> None:
     capture, scene = view()
     assert chosen(Target(pixel=middle_pixel(label))) == label
-    assert chosen(Target(mask=label == LABELS)) == label
-    assert chosen(Target(mask=(label == LABELS).astype(np.uint8) * 255)) == label
+    assert chosen(Target(mask=label == OBJECT_IDS)) == label
+    assert chosen(Target(mask=(label == OBJECT_IDS).astype(np.uint8) * 255)) == label
     middle = LAID.primitives[label].T_base_solid[:3, 3]  # type: ignore[union-attr]
     eye = LAID.T_base_camera[:3, 3]
-    own = scene.points[find_target(scene, capture, Target(mask=label == LABELS)).own]
+    own = scene.points[find_target(scene, capture, Target(mask=label == OBJECT_IDS)).own]
     nearest = own[np.argmin(np.linalg.norm(np.cross(own - eye, middle - eye), axis=1))]
     assert chosen(Target(point=tuple(nearest.tolist()))) == label
     assert chosen(Target(point=tuple((nearest + (0, 0, 0.02)).tolist()))) == label
@@ -78,7 +78,7 @@ def test_every_pixel_of_an_object_means_it() -> None:
     assert capture.depth is not None
     rng = np.random.default_rng(0)
     for label in (CUBE, TUBE, CAN):
-        base = LABELS == label
+        base = OBJECT_IDS == label
         v, u = np.nonzero(base)
         # The lowest rows of an object vanish in the table's noise.
         low = v > v.min() + 0.8 * np.ptp(v)
@@ -89,7 +89,7 @@ def test_every_pixel_of_an_object_means_it() -> None:
 
 def test_the_captures_own_target() -> None:
     assert chosen(None) == CUBE  # the target pixel
-    mask, pixel = LABELS == TUBE, middle_pixel(CAN)
+    mask, pixel = OBJECT_IDS == TUBE, middle_pixel(CAN)
     assert chosen(None, plain(mask=mask)) == TUBE
     assert chosen(None, plain(target_pixel=pixel)) == CAN
     both = plain(mask=mask, target_pixel=pixel)
@@ -111,7 +111,7 @@ def test_a_pixel_without_depth_takes_the_nearest_with_it(label: int) -> None:
 
 def test_a_hole_at_the_edge_takes_the_object_and_not_the_table() -> None:
     """Left of the tube's edge: table is as near as the object, but was not pointed at."""
-    v, u = np.nonzero(LABELS == TUBE)
+    v, u = np.nonzero(OBJECT_IDS == TUBE)
     row = int(np.median(v))
     edge = int(u[v == row].min())
     depth = np.array(view()[0].depth)
@@ -123,19 +123,19 @@ def test_a_hole_at_the_edge_takes_the_object_and_not_the_table() -> None:
 def test_a_mask_wins_over_the_segmentation() -> None:
     """Half of a box is half of it; the union of two things that touch is one target."""
     capture, scene = view()
-    v, u = np.nonzero(LABELS == TUBE)
-    half = (LABELS == TUBE) & (np.arange(LABELS.shape[0])[:, None] < np.median(v))
+    v, u = np.nonzero(OBJECT_IDS == TUBE)
+    half = (OBJECT_IDS == TUBE) & (np.arange(OBJECT_IDS.shape[0])[:, None] < np.median(v))
     own = find_target(scene, capture, Target(mask=half)).own
-    whole = find_target(scene, capture, Target(mask=LABELS == TUBE)).own
+    whole = find_target(scene, capture, Target(mask=OBJECT_IDS == TUBE)).own
     assert own.sum() < 0.7 * whole.sum()
     assert not (own & ~whole).any()
 
     pair = laid(item("green_cube", 0.85, -0.0305), item("green_cube", 0.85, 0.0305))
     pair_capture = seen(pair, 0)
     found = find_scene(pair_capture, (), SceneConfig())
-    labels = pair.view().labels
+    object_ids = pair.view().object_ids
     left, right, both = (
-        find_target(found, pair_capture, Target(mask=np.isin(labels, wanted))).own
+        find_target(found, pair_capture, Target(mask=np.isin(object_ids, wanted))).own
         for wanted in ([2], [3], [2, 3])
     )
     assert np.ptp(found.points[left][:, 1]) < 0.066
@@ -149,7 +149,7 @@ def test_points_are_the_targets_or_in_its_way_but_a_masks_rim() -> None:
     for target in (None, Target(object=2), Target(pixel=middle_pixel(CAN))):
         found = find_target(scene, capture, target)
         np.testing.assert_array_equal(found.others, ~found.own)
-    found = find_target(scene, capture, Target(mask=LABELS == CAN))
+    found = find_target(scene, capture, Target(mask=OBJECT_IDS == CAN))
     assert not (found.own & found.others).any()
     rim = scene.points[~(found.own | found.others)]
     near = np.linalg.norm(rim[:, None] - scene.points[found.own][None, ::5], axis=2).min(axis=1)
@@ -157,8 +157,8 @@ def test_points_are_the_targets_or_in_its_way_but_a_masks_rim() -> None:
 
 
 def test_a_masks_bleed_on_other_things_falls_off() -> None:
-    mask = LABELS == TUBE
-    v, u = np.nonzero(LABELS == CAN)
+    mask = OBJECT_IDS == TUBE
+    v, u = np.nonzero(OBJECT_IDS == CAN)
     bleed = mask.copy()
     bleed[v[:200], u[:200]] = True
     capture, scene = view()
@@ -185,7 +185,7 @@ def test_points_and_numbers_of_an_unorganized_cloud() -> None:
 def test_mask_of_an_unorganized_cloud() -> None:
     capture = view()[0]
     points, pixels = capture.valid_points()
-    marked = (LABELS == CAN).reshape(-1)[pixels]
+    marked = (OBJECT_IDS == CAN).reshape(-1)[pixels]
     assert capture.T_base_camera is not None
     order = np.random.default_rng(0).permutation(len(points))
     cloud = Capture.from_cloud(
@@ -196,7 +196,7 @@ def test_mask_of_an_unorganized_cloud() -> None:
     assert true_label(found.points[own]) == CAN
 
 
-EMPTY = np.zeros(LABELS.shape, bool)
+EMPTY = np.zeros(OBJECT_IDS.shape, bool)
 WRONG = {
     "two at once": lambda: Target(pixel=(1, 2), object=1),
     "all at once": lambda: Target((1, 2), EMPTY, (0.0, 0.0, 0.0), 1),
@@ -207,7 +207,7 @@ WRONG = {
     "pixel infinite": lambda: Target(pixel=(float("inf"), 2)),  # type: ignore[arg-type]
     "pixel of three": lambda: Target(pixel=(1, 2, 3)),  # type: ignore[arg-type]
     "pixel a number": lambda: Target(pixel=7),  # type: ignore[arg-type]
-    "table": lambda: Target(pixel=(320, int(np.nonzero(LABELS == 1)[0].max()) - 2)),
+    "table": lambda: Target(pixel=(320, int(np.nonzero(OBJECT_IDS == 1)[0].max()) - 2)),
     "floor": lambda: Target(pixel=(2, 2)),
     "empty mask": lambda: Target(mask=EMPTY),
     "mask of another size": lambda: Target(mask=np.ones((48, 64), bool)),
@@ -230,8 +230,8 @@ WRONG = {
 
 
 def _table_patch() -> np.ndarray:
-    mask = np.zeros(LABELS.shape, bool)
-    v = int(np.nonzero(LABELS == 1)[0].max())
+    mask = np.zeros(OBJECT_IDS.shape, bool)
+    v = int(np.nonzero(OBJECT_IDS == 1)[0].max())
     mask[v - 8 : v - 2, 300:340] = True
     return mask
 

@@ -2,45 +2,81 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-RED_BELOW_M = 0.02
-GREEN_FROM_M = 0.06
+from boxgrasp.arrays import Floats
+
+RED_BELOW_M: Final = 0.02
+GREEN_FROM_M: Final = 0.06
+CATEGORIES: Final = ("red", "yellow", "green")
 
 
 def category(clearance_m: float) -> str:
-    """`red` under 2 cm, `yellow` under 6 cm, else `green` (section 3-4)."""
+    """The name of a clearance (section 3-4).
+
+    Args:
+        clearance_m: m.
+
+    Returns:
+        `red` (infeasible) under 2 cm, `yellow` (feasible) under 6 cm, else `green` (safe).
+    """
     if clearance_m < RED_BELOW_M:
         return "red"
     return "yellow" if clearance_m < GREEN_FROM_M else "green"
 
 
-def score(clearance_m: float, best_m: float, red_m: float = RED_BELOW_M) -> float:
-    """Score of a grasp, 0 to 1, by its clearance and the scene's largest (section 3-4).
+@dataclass(frozen=True)
+class ScoreFunction:
+    """A score from 0 to 1 by the clearance d of a grasp and the scene's largest (section 3-4).
 
-    With u = min(6 cm, best): 0 under 2 cm, ((d - 2) / (u - 2))^2 up to u, 1 from u on; 0 where
-    no candidate is feasible.
+    With u = min(green_m, largest): 0 below red_m, 1 from u on, and between them `rise` of
+    (d - red_m) / (u - red_m); 0 where the largest is below red_m too.
+
+    Attributes:
+        name: what tables call it.
+        rise: (N,) from 0 to 1, to (N,) from 0 to 1.
+        green_m: m.
+        red_m: m.
     """
-    u = min(GREEN_FROM_M, best_m)
-    if clearance_m < red_m or best_m < red_m:
-        return 0.0
-    if clearance_m >= u:
-        return 1.0
-    return float(((clearance_m - red_m) / (u - red_m)) ** 2)
+
+    name: str
+    rise: Callable[[Floats], Floats]
+    green_m: float = GREEN_FROM_M
+    red_m: float = RED_BELOW_M
+
+    def __call__(self, clearance_m: ArrayLike, largest_m: ArrayLike) -> Floats:
+        """The scores of N grasps.
+
+        Args:
+            clearance_m: (N,) of the grasps, m.
+            largest_m: (N,) the largest clearance of each grasp's scene, m: over all candidates
+                (thesis), or over those that fit, stay off the plane and have a free way in.
+
+        Returns:
+            (N,) float64.
+        """
+        d, largest = np.asarray(clearance_m, np.float64), np.asarray(largest_m, np.float64)
+        u = np.minimum(self.green_m, largest)
+        share = (d - self.red_m) / np.maximum(u - self.red_m, 1e-12)
+        risen = np.where(d >= u, 1.0, self.rise(np.clip(share, 0.0, 1.0)))
+        return np.where((d < self.red_m) | (largest < self.red_m), 0.0, risen)
 
 
-def thesis_score(clearances_m: Any, chosen: int) -> float:
-    """Score of candidate `chosen` against the largest clearance of all candidates (section 3-4)."""
-    values = np.asarray(clearances_m, dtype=np.float64)
-    return score(float(values[chosen]), float(values.max()))
+def squared(share: Floats) -> Floats:
+    """The thesis's rise.
+
+    Args:
+        share: (N,) from 0 to 1.
+
+    Returns:
+        (N,) from 0 to 1.
+    """
+    return np.asarray(share**2)
 
 
-def strict_score(clearances_m: Any, valid: Any, chosen: int) -> float:
-    """The same against the candidates that are `valid` (fit, off the plane, free approach)."""
-    values = np.asarray(clearances_m, dtype=np.float64)
-    allowed = np.asarray(valid, dtype=bool)
-    if not allowed[chosen]:
-        return 0.0
-    return score(float(values[chosen]), float(values[allowed].max()))
+THESIS_SCORE: Final = ScoreFunction("quadratic, 6 cm", squared)

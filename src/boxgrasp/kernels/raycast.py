@@ -112,7 +112,7 @@ def paint(
     origins: Array,
     sizes: Array,
     colors: Array,
-    labels: Array,
+    object_ids: Array,
     light: Array,
     shading: float,
     focal: Array,
@@ -122,19 +122,19 @@ def paint(
     index: Array,
     depth_out: Array,
     rgb_out: Array,
-    label_out: Array,
+    object_ids_out: Array,
 ) -> None:
-    """Depth (float32, 0 for nothing), color and label of each pixel that `raycast` has met.
+    """Depth (float32, 0 for nothing), color and object number of each pixel `raycast` has met.
 
-    colors (P + 1, 3) uint8 and labels (P + 1,) int32 end with what nothing looks like; light (3,)
-    unit vector towards the light, camera frame; shading 0 leaves the colors flat.
+    colors (P + 1, 3) uint8 and object_ids (P + 1,) int32 end with what nothing looks like; light
+    (3,) unit vector towards the light, camera frame; shading 0 leaves the colors flat.
     """
     normal = np.zeros(3)
     here = np.zeros(3)
     for v in range(row_start, row_stop):
         for u in range(index.shape[1]):
             p = index[v, u]
-            label_out[v, u] = labels[p]
+            object_ids_out[v, u] = object_ids[p]
             depth_out[v, u] = depth[v, u] if p >= 0 else 0.0
             factor = 1.0
             if shading > 0.0 and p >= 0:

@@ -7,7 +7,7 @@ from boxgrasp.simulate.demo import demo_capture, demo_scene
 from boxgrasp.simulate.noise import NoiseModel, add_noise
 from boxgrasp.simulate.objects import SimulatedObject, load_objects
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
-from boxgrasp.simulate.scenes import TableScene, build_scene, draw_scene, to_capture
+from boxgrasp.simulate.scenes import Clutter, TableScene, build_scene, draw_scene, to_capture
 from boxgrasp.simulate.truth import (
     CandidateTruth,
     TrueCandidates,
@@ -20,6 +20,7 @@ from boxgrasp.simulate.truth import (
 __all__ = [
     "Box",
     "CastView",
+    "Clutter",
     "Cylinder",
     "NoiseModel",
     "CandidateTruth",

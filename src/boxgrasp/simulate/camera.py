@@ -13,8 +13,10 @@ from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, validate_transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, paint, raycast
+from boxgrasp.sensing.sensor_model import FOCAL_PX
 from boxgrasp.simulate.primitives import Box, Cylinder, Primitive
 
+SHAPE = (480, 640)
 SKY = (22, 36, 36)
 _MIN_ROWS = 60
 # Unit vector to a lamp up left behind the camera, camera frame.
@@ -25,19 +27,29 @@ _LIGHT = readonly(np.array([-0.46, -0.30, -0.836]))
 class CastView:
     """What the camera sees; read-only arrays.
 
-    depth (H, W) float32 m, z not range, 0 where nothing is; rgb (H, W, 3) uint8;
-    labels (H, W) int32 object numbers, -1 where nothing is; solids (H, W) int32 index of the
-    primitive, -1 where nothing is.
+    Attributes:
+        depth: (H, W) float32, z not range, m, 0 where nothing is.
+        rgb: (H, W, 3) uint8.
+        object_ids: (H, W) int32, number of the object that each pixel shows, -1 for nothing.
+        solids: (H, W) int32, index of the primitive, -1 for nothing.
     """
 
     depth: NDArray[np.float32]
     rgb: NDArray[np.uint8]
-    labels: NDArray[np.int32]
+    object_ids: NDArray[np.int32]
     solids: NDArray[np.int32]
 
 
-def intrinsics_matrix(focal_px: float = 525.0, shape: tuple[int, int] = (480, 640)) -> Floats:
-    """(3, 3) intrinsics of an undistorted camera whose axis meets the image's middle."""
+def intrinsics_matrix(focal_px: float = FOCAL_PX, shape: tuple[int, int] = SHAPE) -> Floats:
+    """Intrinsics of an undistorted camera whose axis meets the image's middle.
+
+    Args:
+        focal_px: focal length, px.
+        shape: height and width, px.
+
+    Returns:
+        (3, 3) float64, px.
+    """
     height, width = shape
     return readonly(
         np.array(
@@ -51,7 +63,14 @@ def intrinsics_matrix(focal_px: float = 525.0, shape: tuple[int, int] = (480, 64
 
 
 def look_at(position_m: ArrayLike, gaze_m: ArrayLike) -> Floats:
-    """T_base_camera (optical) at a place, looking at another, with the image's x level.
+    """The pose of a camera at a place, looking at another, with the image's x level.
+
+    Args:
+        position_m: (3,) of the camera, base frame, m.
+        gaze_m: (3,) of what it looks at, base frame, m.
+
+    Returns:
+        T_base_camera (4, 4), optical frame.
 
     Raises:
         SceneError: the two coincide or lie above each other.
@@ -71,54 +90,67 @@ def cast(
     primitives: Sequence[Primitive],
     intrinsics: ArrayLike,
     T_base_camera: ArrayLike,
-    shape: tuple[int, int] = (480, 640),
+    shape: tuple[int, int] = SHAPE,
     *,
     shading: float = 0.0,
 ) -> CastView:
     """The exact view of the primitives; of equal depths the first primitive wins.
 
-    intrinsics (3, 3) px without skew; T_base_camera (4, 4) optical; shading 0 (flat colors) to 1
-    (black where the surface turns away), for pictures that read well.
+    Args:
+        primitives: what is there, base frame.
+        intrinsics: (3, 3) px, without skew.
+        T_base_camera: (4, 4), optical frame.
+        shape: height and width, px.
+        shading: 0 (flat colors) to 1 (black where the surface turns away), for pictures that
+            read well.
+
+    Returns:
+        Depth, colors and object numbers.
 
     Raises:
-        SceneError: nothing to cast, or shading out of range. BoxgraspError: not rigid.
+        SceneError: nothing to cast, or shading out of range.
+        BoxgraspError: T_base_camera is not rigid.
     """
     if not primitives:
         raise SceneError("no primitives; valid: at least one")
     if not 0.0 <= shading <= 1.0:
         raise SceneError(f"shading is {shading}; valid: 0 to 1")
-    height, width = shape
     K = np.asarray(intrinsics, dtype=np.float64)
     focal = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
     T = validate_transform(T_base_camera, "T_base_camera")
     poses = [invert(p.T_base_solid) @ T for p in primitives]
-    kinds = np.array([_kind(p) for p in primitives], dtype=np.int32)
-    rotations = np.ascontiguousarray([pose[:3, :3] for pose in poses])
-    origins = np.ascontiguousarray([pose[:3, 3] for pose in poses])
-    sizes = np.ascontiguousarray([p.half_size for p in primitives])
-    rectangles = np.array(
-        [
-            _rectangle(invert(pose), p, focal, shape)
-            for pose, p in zip(poses, primitives, strict=True)
-        ],
-        dtype=np.int64,
-    )
+    bounds = [
+        _rectangle(invert(pose), p, focal, shape) for pose, p in zip(poses, primitives, strict=True)
+    ]
+    rectangles = np.array(bounds, dtype=np.int64)
+    solids = _solid_arrays(primitives, poses)
     colors = np.array([*(p.color for p in primitives), SKY], dtype=np.uint8)
-    numbers = np.array([*(p.label for p in primitives), -1], dtype=np.int32)
+    numbers = np.array([*(p.object_id for p in primitives), -1], dtype=np.int32)
     exact, index = np.empty(shape), np.empty(shape, dtype=np.int32)
-    depth, labels = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.int32)
+    depth, object_ids = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.int32)
     rgb = np.empty((*shape, 3), dtype=np.uint8)
-    solids = (kinds, rotations, origins, sizes)
 
     def rows(start: int, stop: int) -> None:
         raycast(*solids, rectangles, focal, start, stop, exact, index)
         paint(
             *solids, colors, numbers, _LIGHT, shading, focal, start, stop,
-            exact, index, depth, rgb, labels,
+            exact, index, depth, rgb, object_ids,
         )  # fmt: skip
 
-    run_chunks(rows, height, smallest=_MIN_ROWS)
-    return CastView(readonly(depth), readonly(rgb), readonly(labels), readonly(index))
+    run_chunks(rows, shape[0], smallest=_MIN_ROWS)
+    return CastView(readonly(depth), readonly(rgb), readonly(object_ids), readonly(index))
+
+
+def _solid_arrays(
+    primitives: Sequence[Primitive], T_solid_camera: Sequence[Floats]
+) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
+    """Kinds (P,), rotations (P, 3, 3), origins (P, 3) and half sizes (P, 3) for the kernels."""
+    return (
+        np.array([_kind(p) for p in primitives], dtype=np.int32),
+        np.ascontiguousarray([T[:3, :3] for T in T_solid_camera]),
+        np.ascontiguousarray([T[:3, 3] for T in T_solid_camera]),
+        np.ascontiguousarray([p.half_size for p in primitives]),
+    )
 
 
 def _kind(primitive: Primitive) -> int:

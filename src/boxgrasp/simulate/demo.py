@@ -40,11 +40,23 @@ DEMO_SPEC: dict[str, Any] = {
 
 
 def demo_scene() -> TableScene:
-    """A cereal box between a tube, a mug, a can and another box, with a lamp over them."""
+    """A cereal box between a tube, a mug, a can and another box, with a lamp over them.
+
+    Returns:
+        The scene.
+    """
     return build_scene(DEMO_SPEC)
 
 
 def demo_capture(seed: int = 0, *, noise: bool = True) -> Capture:
-    """The demo's scene as a noisy capture with colors and target pixel; seed: the noise's."""
+    """The demo's scene as a capture with colors and target pixel.
+
+    Args:
+        seed: of the noise.
+        noise: an Xtion's, or none.
+
+    Returns:
+        The capture.
+    """
     capture, _ = to_capture(demo_scene(), np.random.default_rng(seed), noise, shading=0.4)
     return capture

@@ -9,19 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.errors import SceneError
+from boxgrasp.sensing.sensor_model import NOISE_FLOOR_M, NOISE_GROWTH_PER_M, NOISE_LEAST_AT_M
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Axial noise sigma = floor + growth (z - 0.4 m)^2 (Nguyen 2012), steps, drop-outs, color.
+    """Axial noise that grows with distance (Nguyen 2012), steps in depth, missing pixels, color.
 
-    edge_jump_m is taken at 1 m and grows with z^2; a pixel beside a larger jump in depth is
-    missing with edge_dropout, any other with dropout, all beyond range_m.
-    color_sigma in gray levels.
+    Attributes:
+        sigma_m: least standard deviation along z, m, at `sensor_model.NOISE_LEAST_AT_M`.
+        sigma_growth_per_m: what it grows by with the square of the distance from there, 1/m.
+        step_m: depth comes in whole steps of this, m; 0 for none.
+        edge_jump_m: a neighbor this much nearer or farther makes a pixel an edge's, m; at 1 m,
+            growing with z^2.
+        edge_dropout: share of edge pixels that are missing.
+        dropout: share of other pixels that are missing.
+        range_m: all beyond is missing, m.
+        color_sigma: standard deviation of a color value, gray levels.
+
+    Raises:
+        SceneError: a value below 0 or not finite, or a share above 1.
     """
 
-    sigma_m: float = 0.0012
-    sigma_growth_per_m: float = 0.0019
+    sigma_m: float = NOISE_FLOOR_M
+    sigma_growth_per_m: float = NOISE_GROWTH_PER_M
     step_m: float = 0.001
     edge_jump_m: float = 0.02
     edge_dropout: float = 0.7
@@ -38,14 +49,30 @@ class NoiseModel:
 
 
 def axial_sigma(depth: NDArray[np.float32], model: NoiseModel | None = None) -> NDArray[np.float32]:
-    """(H, W) m, standard deviation along z at each depth."""
+    """Standard deviation along z at each depth.
+
+    Args:
+        depth: (H, W) float32, m.
+        model: None for an Xtion's.
+
+    Returns:
+        (H, W) float32, m.
+    """
     model = NoiseModel() if model is None else model
-    off = depth - np.float32(0.4)
+    off = depth - np.float32(NOISE_LEAST_AT_M)
     return np.float32(model.sigma_m) + np.float32(model.sigma_growth_per_m) * off * off
 
 
 def edge_pixels(depth: NDArray[np.float32], jump_m: float) -> NDArray[np.bool_]:
-    """(H, W) bool, pixels with a neighbor (of four) across a jump in depth, or without depth."""
+    """Pixels with one of four neighbors across a jump in depth, or without depth.
+
+    Args:
+        depth: (H, W) float32, m, 0 missing.
+        jump_m: as `NoiseModel.edge_jump_m`.
+
+    Returns:
+        (H, W) bool.
+    """
     limit = np.float32(jump_m) * np.maximum(depth, np.float32(1.0)) ** 2
     edge = np.zeros(depth.shape, dtype=bool)
     for axis in (0, 1):
@@ -60,10 +87,15 @@ def edge_pixels(depth: NDArray[np.float32], jump_m: float) -> NDArray[np.bool_]:
 def add_noise(
     depth: NDArray[np.float32], rng: np.random.Generator, model: NoiseModel | None = None
 ) -> NDArray[np.float32]:
-    """A noisy copy of an exact depth image (H, W) float32 m, 0 missing.
+    """A noisy copy of an exact depth image.
 
-    Raises:
-        SceneError: the model has a value out of range.
+    Args:
+        depth: (H, W) float32, m, 0 missing.
+        rng: draws the noise.
+        model: None for an Xtion's.
+
+    Returns:
+        (H, W) float32, m, 0 missing.
     """
     model = NoiseModel() if model is None else model
     draws = rng.standard_normal(depth.shape, dtype=np.float32)
@@ -80,7 +112,16 @@ def add_noise(
 def color_noise(
     rgb: NDArray[np.uint8], rng: np.random.Generator, model: NoiseModel | None = None
 ) -> NDArray[np.uint8]:
-    """A copy of (H, W, 3) colors, each value off by color_sigma gray levels."""
+    """A noisy copy of colors.
+
+    Args:
+        rgb: (H, W, 3) uint8.
+        rng: draws the noise.
+        model: its `color_sigma` counts; None for an Xtion's.
+
+    Returns:
+        (H, W, 3) uint8.
+    """
     model = NoiseModel() if model is None else model
     # A byte a value picks one of 256 equally likely steps: five times faster than normal draws.
     steps = [NormalDist().inv_cdf((k + 0.5) / 256) * model.color_sigma for k in range(256)]

@@ -20,11 +20,19 @@ from boxgrasp.simulate.primitives import Box, Color, Cylinder, upright
 SHIPPED = ("simulated", "real")
 SETS = ("known", "novel", "real", "obstacle")
 _TOUCH_M = 1e-6  # parts this near to the base's plane stand on it
+_RENAMED = {"colour": "color", "centre_m": "center_m"}
 
 
 @dataclass(frozen=True)
 class Part:
-    """One solid of an object: size_m is x, y, z of a box, or radius and height of a cylinder."""
+    """One solid of an object.
+
+    Attributes:
+        shape: `box` or `cylinder`.
+        size_m: x, y, z of a box, or radius and height of a cylinder, m.
+        center_m: (3,) in the object's frame, m.
+        color: red, green, blue, 0 to 255; None for the object's own.
+    """
 
     shape: str
     size_m: tuple[float, ...]
@@ -47,7 +55,15 @@ class Part:
 
 @dataclass(frozen=True)
 class SimulatedObject:
-    """A named object standing on its base, x away from the robot, z up (thesis section 3-1)."""
+    """A named object standing on its base, x away from the robot, z up (thesis section 3-1).
+
+    Attributes:
+        name: in its set.
+        set: `known`, `novel` or `real` (may be a target), or `obstacle`.
+        color: red, green, blue, 0 to 255.
+        parts: its solids.
+        floats_m: least and most height of the base over the table of what does not stand, m.
+    """
 
     name: str
     set: str
@@ -62,10 +78,22 @@ class SimulatedObject:
         z: float,
         yaw_rad: float = 0.0,
         *,
-        label: int = 0,
+        object_id: int = 0,
         color: Color | None = None,
     ) -> tuple[Box | Cylinder, ...]:
-        """The object's solids with its base's center at x, y, z m (base frame), turned about z."""
+        """The object's solids at a place.
+
+        Args:
+            x: of the base's center, base frame, m.
+            y: likewise.
+            z: likewise.
+            yaw_rad: turn about z.
+            object_id: number that the solids carry.
+            color: in place of the object's own.
+
+        Returns:
+            One solid a part.
+        """
         T = upright(x, y, z, yaw_rad)
         solids: list[Box | Cylinder] = []
         for part in self.parts:
@@ -73,17 +101,23 @@ class SimulatedObject:
             paint = own or part.color or self.color
             pose = T @ upright(*part.center_m)
             if part.shape == "box":
-                solids.append(Box(pose, part.size_m, paint, label))  # type: ignore[arg-type]
+                solids.append(Box(pose, part.size_m, paint, object_id))  # type: ignore[arg-type]
             else:
-                solids.append(Cylinder(pose, part.size_m[0], part.size_m[1], paint, label))
+                solids.append(Cylinder(pose, part.size_m[0], part.size_m[1], paint, object_id))
         return tuple(solids)
 
 
 def load_objects(source: str | Path | None = None) -> Mapping[str, SimulatedObject]:
-    """Objects by name, read-only: of a shipped set (`simulated`, the default, or `real`) or a file.
+    """The objects of a set.
 
     A file is YAML like the shipped ones in `simulate/object_sets/`. What has no `floats_m` must
     stand: its lowest point on its base, its center of mass (solids of equal density) over its foot.
+
+    Args:
+        source: a shipped set (`simulated`, the default, or `real`), or the path of a file.
+
+    Returns:
+        Objects by name, read-only.
 
     Raises:
         SceneError: no such set or file, or an object in it is wrong, hangs or would topple.
@@ -119,9 +153,7 @@ def _parse(text: str, source: str) -> Mapping[str, SimulatedObject]:
 
 def _object(name: str, item: Any, source: str) -> SimulatedObject:
     try:
-        unknown = set(item) - {"set", "color", "parts", "floats_m"}
-        if unknown:
-            raise ValueError(f"unknown key {sorted(unknown)[0]}")
+        _validate_keys(item, {"set", "color", "parts", "floats_m"})
         if item["set"] not in SETS:
             raise ValueError(f"set {item['set']!r} is not one of {', '.join(SETS)}")
         parts = tuple(_part(part) for part in item["parts"])
@@ -175,6 +207,13 @@ def _validate_stands(parts: tuple[Part, ...]) -> None:
         )
 
 
+def _validate_keys(item: Any, known: set[str]) -> None:
+    for key in sorted(set(item) - known):
+        if key in _RENAMED:
+            raise ValueError(f"{key} is now {_RENAMED[key]}")
+        raise ValueError(f"unknown key {key}")
+
+
 def _color(values: Any) -> Color:
     r, g, b = (int(value) for value in values)
     if not all(0 <= value <= 255 for value in (r, g, b)):
@@ -183,9 +222,7 @@ def _color(values: Any) -> Color:
 
 
 def _part(item: Any) -> Part:
-    unknown = set(item) - {"shape", "dimensions_m", "radius_m", "height_m", "center_m", "color"}
-    if unknown:
-        raise ValueError(f"unknown key {sorted(unknown)[0]}")
+    _validate_keys(item, {"shape", "dimensions_m", "radius_m", "height_m", "center_m", "color"})
     size: tuple[float, ...]
     if item["shape"] == "box":
         size = tuple(float(value) for value in item["dimensions_m"])

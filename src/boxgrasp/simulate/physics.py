@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import MissingExtraError, SceneError
 from boxgrasp.geometry.transforms import invert, quaternion_xyzw
+from boxgrasp.simulate.camera import SHAPE
 from boxgrasp.simulate.primitives import Box, Plane, Primitive
-from boxgrasp.simulate.scenes import TARGET_LABEL, TableScene
+from boxgrasp.simulate.scenes import TARGET_ID, TableScene
 
 STEP_S = 0.001
 # In 400 drawn scenes of both shipped sets what stands sinks 0.016 mm into its support and turns by
@@ -28,7 +29,12 @@ _CUTOFF_M = 1e6  # farther surfaces are not seen
 
 @dataclass(frozen=True)
 class Settling:
-    """The farthest that anything that stands has moved and turned, at any time."""
+    """The farthest that anything that stands has moved and turned, at any time.
+
+    Attributes:
+        moved_m: m.
+        turned_rad: radians.
+    """
 
     moved_m: float
     turned_rad: float
@@ -43,6 +49,13 @@ def settles(scene: TableScene, seconds: float = 1.0) -> Settling:
     """What gravity does to a scene: each object that stands is one free body of equal density.
 
     What floats (gravity is off for the thesis's lamp, section 3-1), table and floor are fixed.
+
+    Args:
+        scene: any.
+        seconds: how long, s.
+
+    Returns:
+        How far things moved.
 
     Raises:
         SceneError: seconds is not above 0.
@@ -64,10 +77,15 @@ def settles(scene: TableScene, seconds: float = 1.0) -> Settling:
     return Settling(moved, 2 * float(np.arccos(min(cosine, 1.0))))
 
 
-def mujoco_depth(scene: TableScene, shape: tuple[int, int] = (480, 640)) -> NDArray[np.float32]:
-    """(H, W) float32 m, z not range, 0 where nothing is: the scene's view by MuJoCo's rays.
+def mujoco_depth(scene: TableScene, shape: tuple[int, int] = SHAPE) -> NDArray[np.float32]:
+    """The scene's view by MuJoCo's rays, without OpenGL; the floor is seen from above alone.
 
-    No OpenGL. The floor is seen from above alone.
+    Args:
+        scene: any.
+        shape: height and width, px.
+
+    Returns:
+        (H, W) float32, z not range, m, 0 where nothing is.
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -93,7 +111,7 @@ def _mujoco() -> Any:
         import mujoco
     except ImportError:
         raise MissingExtraError(
-            "the physics check needs mujoco; install with: pip install 'boxgrasp[sim]'"
+            "physics needs mujoco; install with: pip install 'boxgrasp[sim]'"
         ) from None
     return mujoco
 
@@ -109,10 +127,10 @@ def _scene_xml(scene: TableScene) -> str:
     """The scene as MuJoCo's XML: a free body for each object that stands, the rest fixed."""
     bodies: dict[int, list[Primitive]] = {}
     for solid in scene.primitives:
-        bodies.setdefault(solid.label, []).append(solid)
+        bodies.setdefault(solid.object_id, []).append(solid)
     lines = []
-    for label, solids in bodies.items():
-        free = label >= TARGET_LABEL and label not in scene.floating_labels
+    for number, solids in bodies.items():
+        free = number >= TARGET_ID and number not in scene.floating_ids
         # A body's frame is its first solid's; a fixed one's is the base's.
         T = solids[0].T_base_solid if free else np.eye(4)
         lines.append(f"<body {_pose(T)}>{'<freejoint/>' if free else ''}")
@@ -122,7 +140,7 @@ def _scene_xml(scene: TableScene) -> str:
     # stands sinks in by 0.1 mm and leans at an edge.
     return (
         f'<mujoco><option timestep="{STEP_S}" integrator="implicitfast">'
-        '<flag multiccd="enable"/></candidate><default><geom solref="0.004 1"/></default>'
+        '<flag multiccd="enable"/></option><default><geom solref="0.004 1"/></default>'
         f"<worldbody>{''.join(lines)}</worldbody></mujoco>"
     )
 

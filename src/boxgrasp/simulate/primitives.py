@@ -13,7 +13,7 @@ from boxgrasp.geometry.transforms import make_transform, rotation_z, validate_tr
 Color = tuple[int, int, int]
 
 
-def _positive(**lengths: float) -> None:
+def _require_positive(**lengths: float) -> None:
     for name, value in lengths.items():
         if not (np.isfinite(value) and value > 0):
             raise SceneError(f"{name} is {value}; valid: a finite length above 0 m")
@@ -21,23 +21,30 @@ def _positive(**lengths: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A solid box; T_base_box at its center, dimensions_m (3,) full lengths along its axes.
+    """A solid box.
+
+    Attributes:
+        T_base_box: (4, 4) pose of its center.
+        dimensions_m: (3,) full lengths along its axes, m.
+        color: red, green, blue, 0 to 255.
+        object_id: number of the object that it is a part of.
 
     Raises:
-        SceneError: a length is not positive. BoxgraspError: T_base_box is not rigid.
+        SceneError: a length is not positive.
+        BoxgraspError: T_base_box is not rigid.
     """
 
     T_base_box: Floats
     dimensions_m: Floats
     color: Color = (128, 128, 128)
-    label: int = 0
+    object_id: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_base_box", validate_transform(self.T_base_box, "T_base_box"))
         size = np.array(self.dimensions_m, dtype=np.float64)
         if size.shape != (3,):
             raise SceneError(f"dimensions_m has shape {size.shape}; valid: (3,)")
-        _positive(x=size[0], y=size[1], z=size[2])
+        _require_positive(x=size[0], y=size[1], z=size[2])
         object.__setattr__(self, "dimensions_m", readonly(size))
 
     @property
@@ -53,22 +60,30 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A solid cylinder; T_base_cylinder at its center, its axis along the local z.
+    """A solid cylinder.
+
+    Attributes:
+        T_base_cylinder: (4, 4) pose of its center, its axis along the local z.
+        radius_m: m.
+        height_m: m.
+        color: red, green, blue, 0 to 255.
+        object_id: number of the object that it is a part of.
 
     Raises:
-        SceneError: a length is not positive. BoxgraspError: T_base_cylinder is not rigid.
+        SceneError: a length is not positive.
+        BoxgraspError: T_base_cylinder is not rigid.
     """
 
     T_base_cylinder: Floats
     radius_m: float
     height_m: float
     color: Color = (128, 128, 128)
-    label: int = 0
+    object_id: int = 0
 
     def __post_init__(self) -> None:
         T = validate_transform(self.T_base_cylinder, "T_base_cylinder")
         object.__setattr__(self, "T_base_cylinder", T)
-        _positive(radius_m=self.radius_m, height_m=self.height_m)
+        _require_positive(radius_m=self.radius_m, height_m=self.height_m)
 
     @property
     def T_base_solid(self) -> Floats:
@@ -83,7 +98,12 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Plane:
-    """The infinite plane z = height_m of the base frame, seen from both sides.
+    """An infinite level plane, seen from both sides.
+
+    Attributes:
+        height_m: its z in the base frame, m.
+        color: red, green, blue, 0 to 255.
+        object_id: its number as an object.
 
     Raises:
         SceneError: the height is not finite.
@@ -91,7 +111,7 @@ class Plane:
 
     height_m: float
     color: Color = (60, 62, 66)
-    label: int = -1
+    object_id: int = -1
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.height_m):
@@ -112,5 +132,15 @@ Primitive = Box | Cylinder | Plane
 
 
 def upright(x: float, y: float, z: float, yaw_rad: float = 0.0) -> Floats:
-    """(4, 4) pose at x, y, z m, turned about z; rounded so that every machine has the same."""
+    """The pose of what stands, rounded so that every machine has the same.
+
+    Args:
+        x: base frame, m.
+        y: base frame, m.
+        z: base frame, m.
+        yaw_rad: turn about z.
+
+    Returns:
+        (4, 4) float64.
+    """
     return make_transform(np.round(rotation_z(yaw_rad), 12), np.round((x, y, z), 6))

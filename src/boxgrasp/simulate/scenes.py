@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ TABLE_HEIGHT_M = 0.80
 TABLE_CENTER_M = (0.85, 0.0)
 TABLE_SIZE_M = (0.80, 1.20, 0.04)
 TABLE_COLOR = (170, 140, 110)
-FLOOR_LABEL, TABLE_LABEL, TARGET_LABEL = 0, 1, 2
+FLOOR_ID, TABLE_ID, TARGET_ID = 0, 1, 2
+YAWS = ("thesis", "random", "none")
 PALETTE: tuple[Color, ...] = (
     (200, 60, 50),
     (60, 120, 200),
@@ -31,6 +32,9 @@ PALETTE: tuple[Color, ...] = (
     (150, 90, 170),
     (240, 140, 60),
 )
+_AREA_M = 0.50
+_LEAST_GAP_M = 0.002  # between two objects
+_LEAST_TARGET_PX = 300  # of the target that the camera sees
 _SCENE_TRIES = 200
 _PLACE_TRIES = 60
 
@@ -39,15 +43,22 @@ _PLACE_TRIES = 60
 class TableScene:
     """Objects on a table and a camera; base frame, m.
 
-    primitives: floor (label 0), table (1), target (2) and obstacles (3 and up), one label an
-    object; floating_labels: of those that do not stand. spec: plain values from which `build_scene`
-    makes the same scene again.
+    Attributes:
+        primitives: solids of floor (object 0), table (1), target (2) and obstacles (3 and up).
+        target_id: the target's number.
+        obstacle_ids: the obstacles' numbers.
+        floating_ids: numbers of the objects that do not stand.
+        names: of the objects by number.
+        T_base_camera: (4, 4), optical frame.
+        intrinsics: (3, 3), px.
+        table_height_m: z of the table's top, m.
+        spec: plain values from which `build_scene` makes the same scene again.
     """
 
     primitives: tuple[Primitive, ...]
-    target_label: int
-    obstacle_labels: tuple[int, ...]
-    floating_labels: tuple[int, ...]
+    target_id: int
+    obstacle_ids: tuple[int, ...]
+    floating_ids: tuple[int, ...]
     names: Mapping[int, str]
     T_base_camera: Floats
     intrinsics: Floats
@@ -57,52 +68,95 @@ class TableScene:
     @property
     def target(self) -> tuple[Box | Cylinder, ...]:
         """The target's solids."""
-        return self._solids((self.target_label,))
+        return self.solids_of((self.target_id,))
 
     @property
     def obstacles(self) -> tuple[Box | Cylinder, ...]:
         """The obstacles' solids; neither table nor floor is an obstacle."""
-        return self._solids(self.obstacle_labels)
+        return self.solids_of(self.obstacle_ids)
+
+    def solids_of(self, object_ids: Sequence[int]) -> tuple[Box | Cylinder, ...]:
+        """The solids of some objects.
+
+        Args:
+            object_ids: their numbers.
+
+        Returns:
+            Boxes and cylinders, in the order of the primitives.
+        """
+        return tuple(
+            p for p in self.primitives if not isinstance(p, Plane) and p.object_id in object_ids
+        )
 
     def view(self, *, shading: float = 0.0) -> CastView:
-        """What the camera sees, without noise."""
+        """What the camera sees, without noise.
+
+        Args:
+            shading: as `cast` takes it.
+
+        Returns:
+            Depth, colors and object numbers of 480 x 640 pixels.
+        """
         return cast(self.primitives, self.intrinsics, self.T_base_camera, shading=shading)
 
-    def _solids(self, labels: Sequence[int]) -> tuple[Box | Cylinder, ...]:
-        return tuple(p for p in self.primitives if not isinstance(p, Plane) and p.label in labels)
+
+@dataclass(frozen=True)
+class Clutter:
+    """How obstacles stand round a target.
+
+    Attributes:
+        obstacles: least and most number.
+        yaw: `thesis` (target along the base's axes, obstacles turned at random), `random` (the
+            target too) or `none`.
+        area_m: edge of the square that holds the obstacles' centers, m.
+
+    Raises:
+        SceneError: a mode that is not there, or numbers that are not in order.
+    """
+
+    obstacles: tuple[int, int] = (0, 4)
+    yaw: str = "thesis"
+    area_m: float = _AREA_M
+
+    def __post_init__(self) -> None:
+        if self.yaw not in YAWS:
+            raise SceneError(f"yaw is {self.yaw!r}; valid: {', '.join(YAWS)}")
+        least, most = self.obstacles
+        if not 0 <= least <= most:
+            raise SceneError(f"obstacles is {self.obstacles}; valid: 0 or more, the least first")
 
 
 def build_scene(
     spec: Mapping[str, Any], objects: Mapping[str, SimulatedObject] | None = None
 ) -> TableScene:
-    """The scene of a spec: `target` and each of `obstacles` as {name, x, y, z, yaw, color}.
+    """The scene of a spec.
 
-    `camera` is {position, gaze}; z is the base's height over the table, all m and radians.
+    Args:
+        spec: `target` and each of `obstacles` as {name, x, y, z, yaw, color}, `camera` as
+            {position, gaze}; z is the base's height over the table, all m and radians.
+        objects: by name; None for the thesis's simulated ones.
+
+    Returns:
+        The scene.
 
     Raises:
         SceneError: an object that the set does not have, or a key that is missing.
     """
     known = load_objects() if objects is None else objects
     try:
-        table = Box(
-            upright(*TABLE_CENTER_M, TABLE_HEIGHT_M - TABLE_SIZE_M[2] / 2),
-            np.array(TABLE_SIZE_M),
-            TABLE_COLOR,
-            TABLE_LABEL,
-        )
-        primitives: list[Primitive] = [Plane(0.0, (40, 44, 46), FLOOR_LABEL), table]
-        named = {FLOOR_LABEL: "floor", TABLE_LABEL: "table"}
-        for label, item in enumerate((spec["target"], *spec["obstacles"]), start=TARGET_LABEL):
-            primitives += _place(known, item, label)
-            named[label] = item["name"]
+        primitives: list[Primitive] = [Plane(0.0, (40, 44, 46), FLOOR_ID), _table()]
+        named = {FLOOR_ID: "floor", TABLE_ID: "table"}
+        for number, item in enumerate((spec["target"], *spec["obstacles"]), start=TARGET_ID):
+            primitives += _place(known, item, number)
+            named[number] = item["name"]
         T_base_camera = look_at(spec["camera"]["position"], spec["camera"]["gaze"])
     except KeyError as error:
         raise SceneError(f"scene has no {error}; valid: a spec as draw_scene makes it") from None
     return TableScene(
         tuple(primitives),
-        TARGET_LABEL,
-        tuple(range(TARGET_LABEL + 1, TARGET_LABEL + 1 + len(spec["obstacles"]))),
-        tuple(n for n in named if n >= TARGET_LABEL and known[named[n]].floats_m is not None),
+        TARGET_ID,
+        tuple(range(TARGET_ID + 1, TARGET_ID + 1 + len(spec["obstacles"]))),
+        tuple(n for n in named if n >= TARGET_ID and known[named[n]].floats_m is not None),
         named,
         T_base_camera,
         intrinsics_matrix(),
@@ -117,48 +171,81 @@ def draw_scene(
     obstacles: int | tuple[int, int] = (0, 4),
     *,
     yaw: str = "thesis",
-    min_gap_m: float = 0.002,
-    area_m: float = 0.50,
-    min_target_pixels: int = 300,
+    area_m: float = _AREA_M,
     objects: Mapping[str, SimulatedObject] | None = None,
-    accept: Callable[[TableScene], bool] | None = None,
 ) -> TableScene:
-    """A random scene: target in the middle, obstacles and lamps round it, nothing interpenetrating.
+    """A random scene: target in the middle, obstacles and lamps round it, none in another.
 
-    target: a name, or None for any of the known and novel ones; obstacles: how many, or the least
-    and most; yaw `thesis` (target along the base's axes, obstacles turned at random), `random` (the
-    target too) or `none`; area_m: edge of the square that holds the obstacles' centers. Poses are
-    rounded to 0.1 mm and 0.1 mrad. Drawn again while `accept` says no, or fewer than
-    min_target_pixels are visible.
+    Poses are rounded to 0.1 mm and 0.1 mrad. Drawn again while the camera sees fewer than 300
+    pixels of the target.
+
+    Args:
+        rng: draws it.
+        target: a name, or None for any of the known and novel ones.
+        obstacles: how many, or the least and most.
+        yaw: as `Clutter.yaw`.
+        area_m: as `Clutter.area_m`.
+        objects: by name; None for the thesis's simulated ones.
+
+    Returns:
+        The scene.
 
     Raises:
         SceneError: a name or mode that is not there, or no scene found in 200 draws.
     """
+    pair = (obstacles, obstacles) if isinstance(obstacles, int) else obstacles
+    drawn = drawn_scenes(rng, target, Clutter(pair, yaw, area_m), objects)
+    return next(scene for scene in drawn if shows_target(scene))
+
+
+def drawn_scenes(
+    rng: np.random.Generator,
+    target: str | None = None,
+    clutter: Clutter | None = None,
+    objects: Mapping[str, SimulatedObject] | None = None,
+) -> Iterator[TableScene]:
+    """Scenes drawn one after the other, for who takes the first that is as wished.
+
+    Args:
+        rng: draws them.
+        target: as `draw_scene` takes it.
+        clutter: what stands round it; None for the defaults.
+        objects: by name; None for the thesis's simulated ones.
+
+    Yields:
+        200 draws at most, less those in which an obstacle found no place.
+
+    Raises:
+        SceneError: no object has the name, or none of the 200 was taken.
+    """
     known = load_objects() if objects is None else objects
-    targets = [name for name, item in known.items() if item.set != "obstacle"]
+    clutter = Clutter() if clutter is None else clutter
     if target is not None and target not in known:
         raise SceneError(f"no object {target!r}; valid: {', '.join(known)}")
-    if yaw not in ("thesis", "random", "none"):
-        raise SceneError(f"yaw is {yaw!r}; valid: thesis, random, none")
-    least, most = (obstacles, obstacles) if isinstance(obstacles, int) else obstacles
-    if not 0 <= least <= most:
-        raise SceneError(f"obstacles is {obstacles}; valid: 0 or more, the least first")
+    targets = [name for name, item in known.items() if item.set != "obstacle"]
     name = targets[int(rng.integers(len(targets)))] if target is None else target
+    least, most = clutter.obstacles
     for _ in range(_SCENE_TRIES):
-        count = int(rng.integers(least, most + 1))
-        spec = _draw_spec(rng, name, count, known, yaw, min_gap_m, area_m)
-        if spec is None:
-            continue
-        scene = build_scene(spec, known)
-        if accept is not None and not accept(scene):
-            continue
-        visible = int(np.count_nonzero(scene.view().labels == scene.target_label))
-        if visible >= min_target_pixels:
-            return scene
+        spec = _draw_spec(rng, name, int(rng.integers(least, most + 1)), known, clutter)
+        if spec is not None:
+            yield build_scene(spec, known)
     raise SceneError(
         f"no scene of {name} with {least} to {most} obstacles in {_SCENE_TRIES} draws; "
-        "valid: fewer obstacles, a larger area, a smaller gap or other wishes"
+        "valid: fewer obstacles, a larger area, or other wishes"
     )
+
+
+def shows_target(scene: TableScene) -> bool:
+    """Whether the camera sees enough of the target to name it by a pixel.
+
+    Args:
+        scene: any.
+
+    Returns:
+        Whether 300 of its pixels or more are visible.
+    """
+    visible = int(np.count_nonzero(scene.view().object_ids == scene.target_id))
+    return visible >= _LEAST_TARGET_PX
 
 
 def to_capture(
@@ -168,9 +255,16 @@ def to_capture(
     *,
     shading: float = 0.0,
 ) -> tuple[Capture, NDArray[np.int32]]:
-    """The scene as a capture, its target pixel amid the visible target, and labels (H, W) int32.
+    """The scene as a capture, its target pixel amid the visible target, and what is true of it.
 
-    noise False gives the exact depth; else rng is needed.
+    Args:
+        scene: any.
+        rng: draws the noise; needed unless there is none.
+        noise: a model, True for an Xtion's, or False for the exact depth.
+        shading: as `cast` takes it.
+
+    Returns:
+        The capture, and (H, W) int32 the true object of each pixel, -1 for nothing.
 
     Raises:
         SceneError: noise without rng, or no target pixel is visible.
@@ -183,19 +277,27 @@ def to_capture(
         model = noise if isinstance(noise, NoiseModel) else NoiseModel()
         depth = add_noise(depth, rng, model)
         rgb = color_noise(rgb, rng, model)
-    pixel = target_pixel(view.labels == scene.target_label, depth)
+    pixel = target_pixel(view.object_ids == scene.target_id, depth)
     capture = Capture(depth, scene.intrinsics, scene.T_base_camera, rgb, target_pixel=pixel)
-    return capture, view.labels
+    return capture, view.object_ids
 
 
 def target_pixel(visible: NDArray[np.bool_], depth: NDArray[np.float32]) -> tuple[int, int]:
-    """(u, v) of the visible pixel with depth, off the edges, nearest to the visible area's middle.
+    """The visible pixel with depth, off the edges, nearest to the visible area's middle.
+
+    Args:
+        visible: (H, W) bool, where the target is seen.
+        depth: (H, W) float32, m, 0 missing.
+
+    Returns:
+        u, v.
 
     Raises:
         SceneError: nothing is visible.
     """
     seen = visible & (depth > 0)
-    inner = seen & ~edge_pixels(np.where(visible, depth, np.float32(0)), 0.02)
+    edge = edge_pixels(np.where(visible, depth, np.float32(0)), NoiseModel.edge_jump_m)
+    inner = seen & ~edge
     v, u = np.nonzero(inner if inner.any() else seen)
     if len(u) == 0:
         raise SceneError("the target is not visible; valid: at least one pixel with depth")
@@ -205,8 +307,13 @@ def target_pixel(visible: NDArray[np.bool_], depth: NDArray[np.float32]) -> tupl
     return int(u[nearest]), int(v[nearest])
 
 
+def _table() -> Box:
+    center = upright(*TABLE_CENTER_M, TABLE_HEIGHT_M - TABLE_SIZE_M[2] / 2)
+    return Box(center, np.array(TABLE_SIZE_M), TABLE_COLOR, TABLE_ID)
+
+
 def _place(
-    known: Mapping[str, SimulatedObject], item: Mapping[str, Any], label: int
+    known: Mapping[str, SimulatedObject], item: Mapping[str, Any], object_id: int
 ) -> tuple[Box | Cylinder, ...]:
     if item["name"] not in known:
         raise SceneError(f"no object {item['name']!r}; valid: {', '.join(known)}")
@@ -215,7 +322,7 @@ def _place(
         item["y"],
         TABLE_HEIGHT_M + item["z"],
         item["yaw"],
-        label=label,
+        object_id=object_id,
         color=tuple(item["color"]),
     )
 
@@ -225,25 +332,23 @@ def _draw_spec(
     name: str,
     count: int,
     known: Mapping[str, SimulatedObject],
-    yaw: str,
-    min_gap_m: float,
-    area_m: float,
+    clutter: Clutter,
 ) -> dict[str, Any] | None:
     """Plain values of one scene, or None where an obstacle found no place."""
     colors = [PALETTE[i] for i in rng.permutation(len(PALETTE))]
     center = np.array(TABLE_CENTER_M) + rng.uniform(-0.02, 0.02, 2)
-    turn = float(rng.uniform(-np.pi, np.pi)) if yaw == "random" else 0.0
+    turn = float(rng.uniform(-np.pi, np.pi)) if clutter.yaw == "random" else 0.0
     target = _item(name, center, 0.0, turn, colors[0])
-    placed = [_place(known, target, TARGET_LABEL)]
+    placed = [_place(known, target, TARGET_ID)]
     items: list[dict[str, Any]] = []
     pool = list(known)
     for k in range(count):
-        other = pool[int(rng.integers(len(pool)))]
+        other = known[pool[int(rng.integers(len(pool)))]]
         color = colors[(k + 1) % len(colors)]
         for _ in range(_PLACE_TRIES):
-            item = _draw_obstacle(rng, known[other], center, yaw, area_m, color)
+            item = _draw_obstacle(rng, other, center, clutter, color)
             solids = _place(known, item, 0)
-            if _apart(solids, placed, min_gap_m):
+            if _apart(solids, placed):
                 items.append(item)
                 placed.append(solids)
                 break
@@ -253,17 +358,12 @@ def _draw_spec(
 
 
 def _draw_obstacle(
-    rng: np.random.Generator,
-    kind: SimulatedObject,
-    center: Floats,
-    yaw: str,
-    area_m: float,
-    color: Color,
+    rng: np.random.Generator, kind: SimulatedObject, center: Floats, clutter: Clutter, color: Color
 ) -> dict[str, Any]:
-    place = center + rng.uniform(-area_m / 2, area_m / 2, 2)
+    place = center + rng.uniform(-clutter.area_m / 2, clutter.area_m / 2, 2)
     turn = float(rng.uniform(-np.pi, np.pi))
     height = 0.0 if kind.floats_m is None else float(rng.uniform(*kind.floats_m))
-    return _item(kind.name, place, height, 0.0 if yaw == "none" else turn, color)
+    return _item(kind.name, place, height, 0.0 if clutter.yaw == "none" else turn, color)
 
 
 def _item(name: str, place: Floats, height: float, turn: float, color: Color) -> dict[str, Any]:
@@ -287,22 +387,13 @@ def _draw_camera(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def _apart(
-    solids: Sequence[Box | Cylinder],
-    placed: Sequence[Sequence[Box | Cylinder]],
-    min_gap_m: float,
-) -> bool:
-    return all(_gap(a, b, min_gap_m) for a in solids for other in placed for b in other)
+def _apart(solids: Sequence[Box | Cylinder], placed: Sequence[Sequence[Box | Cylinder]]) -> bool:
+    return all(_two_apart(a, b) for a in solids for other in placed for b in other)
 
 
-def _gap(a: Box | Cylinder, b: Box | Cylinder, min_gap_m: float) -> bool:
-    """Whether two solids are apart by the gap; their balls are tried first."""
+def _two_apart(a: Box | Cylinder, b: Box | Cylinder) -> bool:
+    """Whether two solids keep the least gap; the balls round them are tried first."""
     between = float(np.linalg.norm(a.T_base_solid[:3, 3] - b.T_base_solid[:3, 3]))
-    if between > np.linalg.norm(a.half_size) + np.linalg.norm(b.half_size) + min_gap_m:
+    if between > np.linalg.norm(a.half_size) + np.linalg.norm(b.half_size) + _LEAST_GAP_M:
         return True
-    return gap(a, b) > min_gap_m
-
-
-def with_camera(scene: TableScene, T_base_camera: Floats) -> TableScene:
-    """The same objects seen from another place."""
-    return replace(scene, T_base_camera=T_base_camera)
+    return gap(a, b) > _LEAST_GAP_M

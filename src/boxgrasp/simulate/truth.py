@@ -1,6 +1,6 @@
 """What is true of a simulated scene: candidates of the true box, clearances, widths, approaches.
 
-Independent of the rooms that it judges: it shares only the conventions of docs/conventions.md.
+Independent of the code that it judges: it shares only the conventions of docs/conventions.md.
 """
 
 from __future__ import annotations
@@ -13,21 +13,28 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
+from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.geometry.transforms import make_transform, rotation_z
+from boxgrasp.grasps.candidates import LINES
+from boxgrasp.grasps.checks import ChecksConfig
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.simulate.distance import boxes_to_solids
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
 from boxgrasp.simulate.scenes import TableScene
 
-APPROACH_M = 0.15
+_BACK_M = ChecksConfig.pregrasp_distance_m
 
 
 @dataclass(frozen=True, eq=False)
 class TrueCandidates:
     """The M candidates of the true box, in the order of their labels.
 
-    label, face, line (M,) int; T_base_gripper (M, 4, 4); width_m (M,), the true box's size between
-    the fingers.
+    Attributes:
+        label: (M,) int64.
+        face: (M,) int64, 1 to 5.
+        line: (M,) int64, 1 to l.
+        T_base_gripper: (M, 4, 4) float64, m.
+        width_m: (M,) float64, the true box's size between the fingers, m.
     """
 
     label: NDArray[np.int64]
@@ -39,12 +46,15 @@ class TrueCandidates:
 
 @dataclass(frozen=True, eq=False)
 class CandidateTruth:
-    """Exact numbers of M gripper poses, hidden sides included; each (M,), meters.
+    """Exact numbers of M gripper poses, hidden sides included; each (M,), m.
 
-    clearance_m: gripper's box to the nearest obstacle, 0 inside. plane_clearance_m: signed height of its
-    lowest corner over the table. approach_clearance_m: clearance of the box swept 15 cm back. width_m: the
-    target's true extent along the finger opening; off_center_m: the middle of that extent from
-    the gripper's middle. fits: width_m is no more than the opening.
+    Attributes:
+        clearance_m: gripper's box to the nearest obstacle, 0 inside.
+        plane_clearance_m: signed height of its lowest corner over the table.
+        approach_clearance_m: clearance of the box swept back to the pregrasp.
+        width_m: the target's true extent along the finger opening.
+        off_center_m: the middle of that extent from the gripper's middle.
+        fits: bool, width_m is no more than the opening.
     """
 
     clearance_m: Floats
@@ -68,10 +78,15 @@ class CandidateTruth:
 def box_clearance(
     T_base_gripper: Floats, dimensions_m: Floats, primitives: Sequence[Primitive]
 ) -> Floats:
-    """(M,) m, exact distance of M gripper boxes from the nearest primitive, 0 inside.
+    """Exact distance of gripper boxes from the nearest primitive.
 
-    T_base_gripper (M, 4, 4) at the centers of boxes of full lengths dimensions_m (3,). Infinity
-    where there is no primitive.
+    Args:
+        T_base_gripper: (M, 4, 4) poses of the boxes' centers.
+        dimensions_m: (3,) full lengths of a box, m.
+        primitives: what is there, base frame.
+
+    Returns:
+        (M,) float64, m, 0 inside; infinity where there is no primitive.
     """
     boxes = np.asarray(T_base_gripper, dtype=np.float64).reshape(-1, 4, 4)
     out = boxes_to_solids(boxes, dimensions_m, [p for p in primitives if not isinstance(p, Plane)])
@@ -84,10 +99,15 @@ def box_clearance(
 
 
 def true_box(scene: TableScene, *, mode: str = "yaw") -> tuple[Floats, Floats]:
-    """T_base_box (4, 4) at the center and dimensions_m (3,) of the target's true box.
+    """The target's true box.
 
-    mode `aligned`: along the base's axes (thesis section 2-2). `yaw`: turned with a box by (-45,
-    45] degrees; whatever holds a cylinder stays unturned.
+    Args:
+        scene: any.
+        mode: `aligned`, along the base's axes (thesis section 2-2), or `yaw`, turned with a box by
+            (-45, 45] degrees; whatever holds a cylinder stays unturned.
+
+    Returns:
+        T_base_box (4, 4) at its center, and dimensions_m (3,) along its x, y, z.
 
     Raises:
         SceneError: another mode.
@@ -108,9 +128,22 @@ def true_box(scene: TableScene, *, mode: str = "yaw") -> tuple[Floats, Floats]:
 
 
 def true_candidates(
-    scene: TableScene, *, lines: int = 3, gripper: Gripper | None = None, mode: str = "yaw"
+    scene: TableScene, *, lines: int = LINES, gripper: Gripper | None = None, mode: str = "yaw"
 ) -> TrueCandidates:
-    """Poses of the 5 l candidates on the target's true box (faces, lines: docs/conventions.md)."""
+    """The 5 l candidates of the target's true box (faces, lines: docs/conventions.md).
+
+    Args:
+        scene: any.
+        lines: l, lines a face.
+        gripper: the hand; None for the default one.
+        mode: as `true_box` takes it.
+
+    Returns:
+        Poses and widths, in the order of their labels.
+
+    Raises:
+        SceneError: another mode.
+    """
     hand = Gripper() if gripper is None else gripper
     T_base_box, size = true_box(scene, mode=mode)
     x, y, z = T_base_box[:3, :3].T
@@ -145,21 +178,30 @@ def true_candidates(
 def candidate_truth(
     scene: TableScene, T_base_gripper: Floats, *, gripper: Gripper | None = None
 ) -> CandidateTruth:
-    """Exact truth of any M gripper poses (M, 4, 4) in a scene; distances capped at 0.50 m."""
+    """Exact truth of any gripper poses in a scene.
+
+    Args:
+        scene: any.
+        T_base_gripper: (M, 4, 4) poses of the gripper's box.
+        gripper: the hand; None for the default one.
+
+    Returns:
+        Distances capped at 0.50 m, widths, and whether they fit.
+    """
     hand = Gripper() if gripper is None else gripper
     dims = np.array([hand.length_m, hand.width_m, hand.thickness_m])
     poses = np.asarray(T_base_gripper, dtype=np.float64).reshape(-1, 4, 4)
     swept = poses.copy()
-    swept[:, :3, 3] -= poses[:, :3, 0] * (APPROACH_M / 2)
-    longer = dims + (APPROACH_M, 0.0, 0.0)
+    swept[:, :3, 3] -= poses[:, :3, 0] * (_BACK_M / 2)
+    longer = dims + (_BACK_M, 0.0, 0.0)
     obstacles = scene.obstacles
     extents = np.array([_extent(scene.target, T[:3, 1]) for T in poses]).reshape(-1, 2)
     width = extents[:, 1] - extents[:, 0]
     middle = np.einsum("mi,mi->m", poses[:, :3, 1], poses[:, :3, 3])
     return CandidateTruth(
-        clearance_m=readonly(np.minimum(box_clearance(poses, dims, obstacles), 0.5)),
+        clearance_m=readonly(np.minimum(box_clearance(poses, dims, obstacles), CAP_M)),
         plane_clearance_m=readonly(_heights(poses, dims)[0] - scene.table_height_m),
-        approach_clearance_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), 0.5)),
+        approach_clearance_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), CAP_M)),
         width_m=readonly(width),
         off_center_m=readonly(extents.mean(axis=1) - middle),
         fits=readonly(width <= hand.max_opening_m + 1e-9),

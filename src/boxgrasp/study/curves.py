@@ -102,7 +102,7 @@ def dense_part(task: tuple[RowConfig, range]) -> bytes:
     for number in numbers:
         scenario = scenario_of_row(config, number)
         capture, labels = scenario.capture(config.recipe.noise)
-        mask = Target(mask=labels == scenario.scene.target_label)
+        mask = Target(mask=labels == scenario.scene.target_id)
         analysis = selector("given", config.lines).analyze(capture, mask, cells_m=CELLS_M)
         for size in CELLS_M:
             found[_name(size)].append(states_at(analysis.context.local_maps[size], grid(size)))

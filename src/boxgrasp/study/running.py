@@ -55,7 +55,7 @@ def _runs(config: RowConfig, number: int) -> list[tuple[Array, Array, Floats]]:
     found: list[tuple[Array, Array, Floats]] = []
     for run in range(config.runs):
         frame, labels = frames[BEFORE + run]
-        mask = Target(mask=labels == scenario.scene.target_label)
+        mask = Target(mask=labels == scenario.scene.target_id)
         analysis = chosen.analyze(frame, mask)
         box = analysis.context.box
         if T_source_map is None:

@@ -108,7 +108,7 @@ def scenario_row(
     blocked: Array | None = None
     for name in config.target_sources:
         chosen = selector(name, config.lines, config.stride)
-        mask = labels == scenario.scene.target_label
+        mask = labels == scenario.scene.target_id
         target = Target(mask=mask) if name == "given" else None
         try:
             scene = scene or chosen.scene(capture)

@@ -88,7 +88,7 @@ def missed_table(evaluation: Evaluation) -> Table:
             occupied = evaluation.rows[f"given_{name}"][k] == OCCUPIED
             hits[name] = transform(T_base_map, sampling(name)[occupied])
         center = T_base_map[:3, 3]
-        for label in scene.obstacle_labels:
+        for label in scene.obstacle_ids:
             solids = _solids(scene, label)
             if _away(solids, center[None])[0] > RADIUS_M - 0.02:
                 continue
