@@ -428,7 +428,7 @@ def test_lines_where_there_is_no_terminal(
     assert len(lines) == 35  # one every ten seconds
 
 
-def test_silent_with_an_empty_label(
+def test_silent_with_an_empty_title(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with progressing.progress("", 2, 0) as step:

@@ -12,7 +12,7 @@ from boxgrasp.execution._limits import call_in_worker
 
 T = TypeVar("T")
 R = TypeVar("R")
-_FAILED = ("error", "canceled")
+_FAILED = ("error", "cancelled")  # as distributed spells them
 _REACH_S = 10  # for the scheduler
 _WAIT_S = 30  # for its first worker
 _AHEAD = 4  # tasks in flight for each thread of the cluster
@@ -21,7 +21,12 @@ _SAME = ("boxgrasp", "numpy", "numba", "scikit-learn", "mujoco")  # of the same 
 
 
 class DaskWorkers:
-    """The workers of the scheduler at `address`; see `cluster_workers`."""
+    """The workers of the scheduler at `address`; see `cluster_workers`.
+
+    Raises:
+        WorkError: not reached, no worker, or workers with other versions than here.
+        MissingExtraError: distributed is not installed.
+    """
 
     def __init__(self, address: str) -> None:
         try:
@@ -41,7 +46,7 @@ class DaskWorkers:
                 f"no Dask scheduler at {address}: {' '.join(str(error).split())}"
             ) from error
         try:
-            self._check()
+            self._validate()
         except BaseException:
             self.close()
             raise
@@ -49,14 +54,28 @@ class DaskWorkers:
     def run(
         self, function: Callable[[T], R], tasks: Sequence[T]
     ) -> Generator[tuple[int, R], None, None]:
-        """See `Workers.run`."""
+        """See `Workers.run`.
+
+        Args:
+            function: of a module.
+            tasks: picklable.
+
+        Yields:
+            Index and result of each task, as they finish.
+
+        Raises:
+            WorkError: the scheduler was lost, or a task ended its worker several times.
+            Exception: whatever a task raises.
+        """
         flying: dict[Any, int] = {}  # futures and their indices
         finished = self._dask.as_completed(loop=self._client.loop)
         following = 0
         self._counted = -_COUNT_EVERY_S  # and so notice first whether the scheduler is there
         try:
             while following < len(tasks) or flying:
-                for index in range(following, min(len(tasks), following + self._room(flying))):
+                for index in range(
+                    following, min(len(tasks), following + self._free_slots(flying))
+                ):
                     future = self._client.submit(call_in_worker, function, tasks[index], pure=False)
                     flying[future] = index
                     finished.add(future)
@@ -77,7 +96,7 @@ class DaskWorkers:
         """Leave the cluster, which goes on."""
         self._client.close(timeout=2)
 
-    def _check(self) -> None:
+    def _validate(self) -> None:
         try:
             self._client.wait_for_workers(1, timeout=_WAIT_S)
         except self._dask.TimeoutError:
@@ -95,7 +114,7 @@ class DaskWorkers:
                         f"needed is {ours} as here, or results would differ"
                     )
 
-    def _room(self, flying: dict[Any, int]) -> int:
+    def _free_slots(self, flying: dict[Any, int]) -> int:
         """How many tasks more may be in flight."""
         now = time.monotonic()
         if now - self._counted > _COUNT_EVERY_S:

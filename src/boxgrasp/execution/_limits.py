@@ -17,6 +17,9 @@ _VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLI
 def threadpool_limits() -> Any:
     """The class of threadpoolctl.
 
+    Returns:
+        Called with a number, it limits every BLAS to that many threads.
+
     Raises:
         MissingExtraError: threadpoolctl is not installed.
     """
@@ -33,6 +36,13 @@ def call_in_worker(function: Callable[[T], R], task: T) -> R:
     """Call on one thread in a process made for tasks, where BLAS stays at one for good.
 
     Given back between tasks, it would be given back under another task of the same process.
+
+    Args:
+        function: to call.
+        task: its argument.
+
+    Returns:
+        What it gives.
     """
     # Libraries loaded so far are told, those that the task loads read the variables.
     os.environ.update(dict.fromkeys(_VARIABLES, "1"))
@@ -42,7 +52,15 @@ def call_in_worker(function: Callable[[T], R], task: T) -> R:
 
 
 def call_here(function: Callable[[T], R], task: T) -> R:
-    """Call on one thread, and give the threads back."""
+    """Call on one thread, and give the threads back.
+
+    Args:
+        function: to call.
+        task: its argument.
+
+    Returns:
+        What it gives.
+    """
     before = {name: os.environ.get(name) for name in _VARIABLES}
     os.environ.update(dict.fromkeys(_VARIABLES, "1"))
     try:

@@ -35,7 +35,19 @@ class ProcessWorkers:
     def run(
         self, function: Callable[[T], R], tasks: Sequence[T]
     ) -> Generator[tuple[int, R], None, None]:
-        """See `Workers.run`."""
+        """See `Workers.run`.
+
+        Args:
+            function: of a module.
+            tasks: picklable.
+
+        Yields:
+            Index and result of each task, as they finish.
+
+        Raises:
+            WorkError: a task ended its worker several times.
+            Exception: whatever a task raises.
+        """
         left = deque(range(len(tasks)))
         deaths: Counter[int] = Counter()
         self._end(self._busy())  # of a run that was given up
@@ -115,14 +127,24 @@ class _Worker:
         far.close()  # so that the pipe ends with the process
 
     def give(self, index: int, function: Callable[[T], R], task: T) -> None:
-        """Start a task; if the process is dead, `take` will tell."""
+        """Start a task; if the process is dead, `take` will tell.
+
+        Args:
+            index: of the task.
+            function: of a module.
+            task: picklable.
+        """
         message = pickle.dumps((function, task), pickle.HIGHEST_PROTOCOL)
         self.index = index
         with suppress(OSError):
             self.pipe.send_bytes(message)
 
     def take(self) -> tuple[bool, Any] | None:
-        """Whether it went well, with the result or the exception; None if the process died."""
+        """What came of the task.
+
+        Returns:
+            Whether it went well, with the result or the exception; None if the process died.
+        """
         try:
             message = self.pipe.recv_bytes()
         except (EOFError, OSError):
@@ -133,6 +155,7 @@ class _Worker:
 
     @property
     def end_by(self) -> str:
+        """How the process ended."""
         code = self.process.exitcode or 0
         if code < 0:
             return f"{signal.Signals(-code).name}; is there enough memory?"

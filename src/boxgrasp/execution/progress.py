@@ -12,19 +12,28 @@ _EVERY_S = 10.0
 
 
 @contextlib.contextmanager
-def progress(label: str, total: int, done: int) -> Iterator[Callable[[], None]]:
-    """Gives a function to call once a finished task; shows nothing if none is left, or no label."""
-    if done >= total or not label or sys.stderr is None:
+def progress(title: str, total: int, done: int) -> Iterator[Callable[[], None]]:
+    """Shows how many tasks are done; nothing where none is left, or without a title.
+
+    Args:
+        title: of the work.
+        total: number of tasks.
+        done: how many were done before.
+
+    Yields:
+        A function to call once a finished task.
+    """
+    if done >= total or not title or sys.stderr is None:
         yield lambda: None
     elif sys.stderr.isatty() and find_spec("rich"):
-        with _bar(label, total, done) as step:
+        with _bar(title, total, done) as step:
             yield step
     else:
-        yield _Lines(label, total, done)
+        yield _Lines(title, total, done)
 
 
 @contextlib.contextmanager
-def _bar(label: str, total: int, done: int) -> Iterator[Callable[[], None]]:
+def _bar(title: str, total: int, done: int) -> Iterator[Callable[[], None]]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -40,13 +49,13 @@ def _bar(label: str, total: int, done: int) -> Iterator[Callable[[], None]]:
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(label, total=total, completed=done)
+        task = bar.add_task(title, total=total, completed=done)
         yield lambda: bar.advance(task)
 
 
 class _Lines:
-    def __init__(self, label: str, total: int, done: int) -> None:
-        self.label, self.total, self.first, self.done = label, total, done, done
+    def __init__(self, title: str, total: int, done: int) -> None:
+        self.title, self.total, self.first, self.done = title, total, done, done
         self.start = self.last = time.monotonic()
 
     def __call__(self) -> None:
@@ -57,7 +66,7 @@ class _Lines:
         self.last = now
         spent = now - self.start
         left = spent / (self.done - self.first) * (self.total - self.done)
-        text = f"{self.label}: {self.done} of {self.total}, {spent:.0f} s"
+        text = f"{self.title}: {self.done} of {self.total}, {spent:.0f} s"
         rest = f", about {left:.0f} s left" if self.done < self.total else ""
         sys.stderr.write(f"{text}{rest}\n")
         sys.stderr.flush()

@@ -17,9 +17,18 @@ _UNFINISHED = ".unfinished-"
 class Store:
     """Named bytes at a place; a name is a relative path with forward slashes.
 
+    Args:
+        place: a folder, or any fsspec URL.
+
+    Attributes:
+        place: as given.
+
     Raises:
-        StoreError: the place cannot be used. MissingExtraError: a URL, without fsspec.
+        StoreError: the place cannot be used.
+        MissingExtraError: a URL, without fsspec.
     """
+
+    place: str
 
     def __init__(self, place: str | os.PathLike[str]) -> None:
         self.place = os.fspath(place)
@@ -36,7 +45,17 @@ class Store:
         return _without_password(self.place.rstrip("/"))
 
     def exists(self, name: str) -> bool:
-        """Whether something is kept under the name."""
+        """Whether something is kept under a name.
+
+        Args:
+            name: relative path.
+
+        Returns:
+            Whether it is.
+
+        Raises:
+            StoreError: the place cannot be reached.
+        """
         if self._remote is None:
             return os.path.isfile(self._path(name))
         with _told(self, name):
@@ -47,7 +66,13 @@ class Store:
                 return False
 
     def read(self, name: str) -> bytes:
-        """What is kept under the name.
+        """What is kept under a name.
+
+        Args:
+            name: relative path.
+
+        Returns:
+            Its bytes.
 
         Raises:
             StoreError: nothing is, or it cannot be read.
@@ -58,7 +83,11 @@ class Store:
             return bytes(self._remote.cat_file(self._path(name)))
 
     def write(self, name: str, data: bytes) -> None:
-        """Keep the bytes under the name, wholly or not at all.
+        """Keep bytes under a name, wholly or not at all.
+
+        Args:
+            name: relative path.
+            data: the bytes.
 
         Raises:
             StoreError: they cannot be written.

@@ -26,11 +26,18 @@ class Workers(Protocol):
     def run(
         self, function: Callable[[T], R], tasks: Sequence[T]
     ) -> Generator[tuple[int, R], None, None]:
-        """The index and the result of each task, as they finish.
+        """Run the tasks.
+
+        Args:
+            function: of a module.
+            tasks: picklable, as their results must be.
+
+        Yields:
+            Index and result of each task, as they finish.
 
         Raises:
             WorkError: workers were lost, or a task ended its worker several times.
-            Whatever a task raises; then no more tasks are started.
+            Exception: whatever a task raises; then no more tasks are started.
         """
         ...
 
@@ -51,6 +58,12 @@ def local_workers(processes: int | None = None) -> Iterator[Workers]:
 
     A process that is killed is replaced and its task run again, three times at most. Processes
     import the main script anew, which so needs its `if __name__ == "__main__"`.
+
+    Args:
+        processes: how many; None for one a usable core.
+
+    Yields:
+        The workers, ended with the block.
 
     Raises:
         WorkError: no process asked for.
@@ -74,6 +87,12 @@ def cluster_workers(address: str) -> Iterator[Workers]:
     The scheduler runs again what a lost worker held, finished or not; with no worker left, it
     waits for the next.
 
+    Args:
+        address: of the scheduler.
+
+    Yields:
+        The workers, left alone after the block.
+
     Raises:
         WorkError: not reached, no worker, or workers with other versions than here.
         MissingExtraError: distributed is not installed.
@@ -83,10 +102,19 @@ def cluster_workers(address: str) -> Iterator[Workers]:
 
 
 def workers_for(processes: int | None, cluster: str | None) -> AbstractContextManager[Workers]:
-    """Those of the cluster if there is one, else processes of this machine.
+    """The workers of a cluster if there is one, else processes of this machine.
+
+    Args:
+        processes: how many; None for one a usable core.
+        cluster: address of a Dask scheduler, or None.
+
+    Returns:
+        A context that gives the workers.
 
     Raises:
-        WorkError: both are asked for; else as the two above.
+        WorkError: both are asked for; within the context, as `local_workers` and
+            `cluster_workers`.
+        MissingExtraError: within the context, as they.
     """
     if cluster is None:
         return local_workers(processes)
