@@ -1,8 +1,8 @@
-"""Pictures of answers and of found objects. An outer room; Pillow is imported on first use."""
+"""Pictures of answers and of found objects; Pillow is imported on first use."""
 
 from __future__ import annotations
 
-from boxgrasp.draw.answer import draw_selection
-from boxgrasp.draw.numbers import draw_objects
+from boxgrasp.draw.objects import draw_objects
+from boxgrasp.draw.selection import draw_selection, selection_png
 
-__all__ = ["draw_objects", "draw_selection"]
+__all__ = ["draw_objects", "draw_selection", "selection_png"]

@@ -1,84 +1,80 @@
-"""A panel to draw on: smooth lines, dashes, marks, and labels that keep out of each other's way."""
+"""A panel to draw on: smooth lines, dashes, marks, and texts that keep out of each other's way."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from boxgrasp.draw.palette import BLACK, RGB, WHITE
+from boxgrasp.draw.planar import XY, Rect, clip_to, dashes, overlap
+from boxgrasp.draw.text import Lettering, fit, font, text_size
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-XY = tuple[float, float]
-Rect = tuple[float, float, float, float]
-
-_FINE = 2  # drawn at twice the size and averaged, so that lines are smooth
-_DIRECTIONS = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
-
-
-@lru_cache(maxsize=32)
-def font(size: int) -> Any:
-    """Pillow's own font at a size in pixels, so that no font file is needed."""
-    from PIL import ImageFont
-
-    return ImageFont.load_default(size)
+_FINE: Final = 2  # drawn at twice the size and averaged, so that lines are smooth
+_DIRECTIONS: Final = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
+# Corners, angle of the first one, and reach of each shape: of about equal area.
+_SHAPES: Final = {
+    "circle": (28, 0.0, 1.0),
+    "triangle": (3, -np.pi / 2, 1.28),
+    "square": (4, np.pi / 4, 1.2),
+    "diamond": (4, 0.0, 1.25),
+}
 
 
-def text_size(text: str, size: int) -> tuple[int, int]:
-    """Width and line height in pixels."""
-    return int(np.ceil(font(size).getlength(text))), int(np.ceil(size * 1.25))
+@dataclass(frozen=True)
+class Stroke:
+    """How a line looks.
+
+    Attributes:
+        color: of the line.
+        width_px: of the line.
+        halo: color of an edge beside it, None for no edge.
+        dash: lengths drawn and left out, px; None for a solid line.
+        alpha: 0 for invisible to 255 for opaque.
+    """
+
+    color: RGB
+    width_px: float = 2.0
+    halo: RGB | None = None
+    dash: tuple[float, float] | None = None
+    alpha: int = 255
 
 
-def fit(text: str, size: int, width: float) -> str:
-    """The text, cut with an ellipsis where it is wider than `width` pixels."""
-    if text_size(text, size)[0] <= width:
-        return text
-    most = _longest(text, size, width - text_size("...", size)[0])
-    return text[:most].rstrip() + "..."
+@dataclass(frozen=True)
+class Look:
+    """How a marker looks.
 
+    Attributes:
+        shape: `circle`, `triangle`, `square` or `diamond`.
+        color: of its area, or of its edge where it is hollow.
+        style: `kept` is filled, `dropped` hollow and crossed, `wide` hollow with a double arrow.
+    """
 
-def _longest(text: str, size: int, width: float) -> int:
-    """How many first letters fit, by halving: a text may be very long."""
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (
-            (middle, high) if text_size(text[:middle], size)[0] <= width else (low, middle - 1)
-        )
-    return low
-
-
-def wrap(text: str, size: int, width: float, most: int = 99) -> list[str]:
-    """The text in lines of at most `width` pixels; words that are too long are broken."""
-    lines: list[str] = []
-    line = ""
-    for word in text.split():
-        trial = f"{line} {word}" if line else word
-        if text_size(trial, size)[0] <= width:
-            line = trial
-            continue
-        if line:
-            lines.append(line)
-        while text_size(word, size)[0] > width and len(word) > 1:
-            part = max(1, _longest(word, size, width))
-            lines.append(word[:part])
-            word = word[part:]
-        line = word
-    if line:
-        lines.append(line)
-    if len(lines) > most:
-        lines = [*lines[: most - 1], fit(" ".join(lines[most - 1 :]), size, width)]
-    return lines
+    shape: str
+    color: RGB
+    style: str = "kept"
 
 
 class Canvas:
-    """One panel; coordinates are pixels of the panel with pixel centers at integers."""
+    """One panel; coordinates are pixels of the panel with pixel centers at integers.
+
+    Attributes:
+        width: px.
+        height: px.
+        taken: left, upper, right, lower, px, of places that texts keep off.
+    """
 
     def __init__(self, background: Image) -> None:
+        """Start with a background.
+
+        Args:
+            background: an RGB image of the panel's size.
+        """
         from PIL import Image as Images
         from PIL import ImageDraw
 
@@ -86,64 +82,85 @@ class Canvas:
         fine = (self.width * _FINE, self.height * _FINE)
         self._image = background.resize(fine, Images.Resampling.NEAREST)
         self._draw = ImageDraw.Draw(self._image, "RGBA")
-        self._texts: list[tuple[XY, str, int, RGB, RGB | None]] = []
+        self._texts: list[tuple[XY, str, Lettering]] = []
         self.taken: list[Rect] = []
 
-    def line(
-        self,
-        a: XY,
-        b: XY,
-        color: RGB,
-        width: float = 2.0,
-        *,
-        halo: RGB | None = None,
-        dash: tuple[float, float] | None = None,
-        alpha: int = 255,
-    ) -> None:
-        """A straight line, with an edge of `halo` and dashes of (on, off) pixels if asked."""
+    def line(self, a: XY, b: XY, stroke: Stroke) -> None:
+        """Draw a straight line.
+
+        Args:
+            a: x, y of one end, px.
+            b: x, y of the other end, px.
+            stroke: how it looks.
+        """
         inside = clip_to(a, b, (-60.0, -60.0, self.width + 60.0, self.height + 60.0))
         if inside is None:
             return
-        for start, end in dashes(*inside, dash):
-            ends = [self._fine(start), self._fine(end)]
-            if halo is not None:
-                edge = round((width + 2.2) * _FINE)
-                self._draw.line(ends, fill=(*halo, alpha), width=edge)
-        for start, end in dashes(*inside, dash):
-            ends = [self._fine(start), self._fine(end)]
-            self._draw.line(ends, fill=(*color, alpha), width=max(1, round(width * _FINE)))
+        pieces = [
+            [self._fine(start), self._fine(end)] for start, end in dashes(*inside, stroke.dash)
+        ]
+        if stroke.halo is not None:
+            edge = round((stroke.width_px + 2.2) * _FINE)
+            for ends in pieces:
+                self._draw.line(ends, fill=(*stroke.halo, stroke.alpha), width=edge)
+        width = max(1, round(stroke.width_px * _FINE))
+        for ends in pieces:
+            self._draw.line(ends, fill=(*stroke.color, stroke.alpha), width=width)
 
-    def polygon(self, corners: Iterable[XY], color: RGB, alpha: int) -> None:
-        """A filled polygon."""
+    def polygon(self, corners: Iterable[XY], color: RGB, alpha: int = 255) -> None:
+        """Fill a polygon.
+
+        Args:
+            corners: x, y of each, px.
+            color: of its area.
+            alpha: 0 for invisible to 255 for opaque.
+        """
         points = [self._fine(corner) for corner in corners]
         if len(points) > 2 and np.abs(np.array(points)).max() < 1e5:
             self._draw.polygon(points, fill=(*color, alpha))
 
     def dot(self, at: XY, radius: float, color: RGB, alpha: int = 255) -> None:
-        """A filled disc."""
+        """Fill a disc.
+
+        Args:
+            at: x, y of its center, px.
+            radius: px.
+            color: of its area.
+            alpha: 0 for invisible to 255 for opaque.
+        """
         self._draw.ellipse(self._round(at, radius), fill=(*color, alpha))
 
     def ring(self, at: XY, radius: float, color: RGB, width: float = 3.0) -> None:
-        """A circle with dark edges, to point at something."""
-        self._draw.ellipse(
-            self._round(at, radius + 1.5), outline=(*BLACK, 255), width=round((width + 3) * _FINE)
-        )
-        self._draw.ellipse(
-            self._round(at, radius), outline=(*color, 255), width=round(width * _FINE)
-        )
+        """Draw a circle with dark edges, to point at something.
 
-    def arrow(
-        self, a: XY, b: XY, color: RGB, width: float, *, halo: RGB | None, head: float = 14.0
-    ) -> None:
-        """A line from a to b with a head at b; only the head where they nearly coincide."""
+        Args:
+            at: x, y of its center, px.
+            radius: px.
+            color: of its line.
+            width: of its line, px.
+        """
+        edge = round((width + 3) * _FINE)
+        self._draw.ellipse(self._round(at, radius + 1.5), outline=(*BLACK, 255), width=edge)
+        line = round(width * _FINE)
+        self._draw.ellipse(self._round(at, radius), outline=(*color, 255), width=line)
+
+    def arrow(self, a: XY, b: XY, stroke: Stroke, head: float = 14.0) -> None:
+        """Draw a line from a to b with a head at b; nothing where they coincide.
+
+        Args:
+            a: x, y where it starts, px.
+            b: x, y of its tip, px.
+            stroke: how it looks.
+            head: length of the head, px.
+        """
         length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
         if length < 3.0:
             return
         head = min(head, length)
         dx, dy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
         neck = (b[0] - dx * head, b[1] - dy * head)
-        self.line(a, neck, color, width, halo=halo)
-        for grow, fill in ((2.5, halo), (0.0, color)):
+        self.line(a, neck, stroke)
+        for grow, fill in ((2.5, stroke.halo), (0.0, stroke.color)):
             if fill is None:
                 continue
             half = head * 0.45 + grow
@@ -151,84 +168,111 @@ class Canvas:
             back = (neck[0] - dx * grow, neck[1] - dy * grow)
             left = (back[0] - dy * half, back[1] + dx * half)
             right = (back[0] + dy * half, back[1] - dx * half)
-            self.polygon((tip, left, right), fill, 255)
+            self.polygon((tip, left, right), fill)
 
-    def mark(self, at: XY, shape: str, color: RGB, radius: float, style: str = "kept") -> None:
-        """A marker. style: `kept` filled, `dropped` hollow, crossed, `wide` hollow with <->."""
-        outline = self._outline(at, shape, radius)
-        hollow = style != "kept"
-        self._draw.polygon(self._outline(at, shape, radius + 2.0), fill=(*BLACK, 255))
-        self._draw.polygon(outline, fill=(*(WHITE if hollow else color), 255))
+    def mark(self, at: XY, look: Look, radius: float) -> None:
+        """Draw a marker.
+
+        Args:
+            at: x, y of its center, px.
+            look: how it looks.
+            radius: px.
+        """
+        outline = self._outline(at, look.shape, radius)
+        hollow = look.style != "kept"
+        edge = self._outline(at, look.shape, radius + 2.0)
+        self._draw.polygon(edge, fill=(*BLACK, 255))
+        self._draw.polygon(outline, fill=(*(WHITE if hollow else look.color), 255))
         if hollow:
-            self._draw.line([*outline, outline[0]], fill=(*color, 255), width=round(2.4 * _FINE))
-        reach = radius * 0.52
-        x, y = at
-        if style == "dropped":
-            self.line((x - reach, y - reach), (x + reach, y + reach), BLACK, 1.8)
-            self.line((x - reach, y + reach), (x + reach, y - reach), BLACK, 1.8)
-        elif style == "wide":
-            self.line((x - reach, y), (x + reach, y), BLACK, 1.8)
-            for side in (-1, 1):
-                end = x + side * reach * 1.15
-                for turn in (-1, 1):
-                    self.line(
-                        (end, y), (end - side * reach * 0.5, y + turn * reach * 0.5), BLACK, 1.8
-                    )
+            closed = [*outline, outline[0]]
+            self._draw.line(closed, fill=(*look.color, 255), width=round(2.4 * _FINE))
+            sign = _cross if look.style == "dropped" else _double_arrow
+            for a, b in sign(at, radius * 0.52):
+                self.line(a, b, Stroke(BLACK, 1.8))
 
-    def text(self, at: XY, text: str, size: int, color: RGB, *, halo: RGB | None = None) -> None:
-        """Text with its upper left corner at a place; moved and cut to stay inside the panel."""
-        text = fit(text, size, self.width - 8.0)
-        width, height = text_size(text, size)
+    def text(self, at: XY, text: str, lettering: Lettering) -> None:
+        """Write one line; moved and cut to stay inside the panel.
+
+        Args:
+            at: x, y of its upper left corner, px.
+            text: one line.
+            lettering: how it looks.
+        """
+        text = fit(text, lettering.size_px, self.width - 8.0)
+        width, height = text_size(text, lettering.size_px)
         x = min(max(at[0], 3.0), max(3.0, self.width - width - 4.0))
         y = min(max(at[1], 3.0), max(3.0, self.height - height - 3.0))
-        self._texts.append(((x, y), text, size, color, halo))
+        self._texts.append(((x, y), text, lettering))
         self.taken.append((x - 2, y - 1, x + width + 2, y + height + 1))
 
-    def label(
+    def text_beside(
         self,
         near: XY,
         text: str,
-        size: int,
-        color: RGB,
+        lettering: Lettering,
         *,
-        halo: RGB | None = None,
         away: float = 12.0,
         must: bool = False,
     ) -> bool:
-        """Text beside a point where nothing else is; left out without room, unless it must."""
-        text = fit(text, size, self.width - 8.0)
-        width, height = text_size(text, size)
-        rings = (away, away + 12, away + 26, away + 44, away + 70) if must else (away, away + 7)
-        places = []
-        for distance in rings:
-            for dx, dy in _DIRECTIONS:
-                x = near[0] + dx * distance - (0.5 - dx / 2) * width
-                y = near[1] + dy * distance - (0.5 - dy / 2) * height
-                places.append((x, y))
-        for x, y in places:
-            rect = (x, y, x + width, y + height)
-            inside = x >= 3 and y >= 3 and rect[2] <= self.width - 4 and rect[3] <= self.height - 3
-            if inside and not any(_overlap(rect, other) for other in self.taken):
-                self.text((x, y), text, size, color, halo=halo)
-                return True
-        if must:
-            self.text(places[0], text, size, color, halo=halo)
-        return must
+        """Write beside a point where nothing else is; leave it out without room, unless it must.
+
+        Args:
+            near: x, y of the point, px.
+            text: one line.
+            lettering: how it looks.
+            away: how far from the point, px.
+            must: whether it is written even over something else.
+
+        Returns:
+            Whether it was written.
+        """
+        text = fit(text, lettering.size_px, self.width - 8.0)
+        width, height = text_size(text, lettering.size_px)
+        steps = (0, 12, 26, 44, 70) if must else (0, 7)
+        places = [
+            (
+                near[0] + dx * (away + step) - (0.5 - dx / 2) * width,
+                near[1] + dy * (away + step) - (0.5 - dy / 2) * height,
+            )
+            for step in steps
+            for dx, dy in _DIRECTIONS
+        ]
+        free = next((at for at in places if self._is_free(at, width, height)), None)
+        if free is not None or must:
+            self.text(free or places[0], text, lettering)
+        return free is not None or must
 
     def take(self, at: XY, radius: float) -> None:
-        """Keep labels off a disc."""
+        """Keep texts off a disc.
+
+        Args:
+            at: x, y of its center, px.
+            radius: px.
+        """
         self.taken.append((at[0] - radius, at[1] - radius, at[0] + radius, at[1] + radius))
 
     def finish(self) -> Image:
-        """The panel at its own size, labels on top."""
+        """The panel at its own size, texts on top.
+
+        Returns:
+            An RGB image.
+        """
         from PIL import ImageDraw
 
         image = self._image.reduce(_FINE)
         draw = ImageDraw.Draw(image)
-        for at, text, size, color, halo in self._texts:
-            edge = 0 if halo is None else max(2, size // 7)
-            draw.text(at, text, fill=color, font=font(size), stroke_width=edge, stroke_fill=halo)
+        for at, text, how in self._texts:
+            edge = 0 if how.halo is None else max(2, how.size_px // 7)
+            letters = font(how.size_px)
+            draw.text(at, text, how.color, letters, stroke_width=edge, stroke_fill=how.halo)
         return image
+
+    def _is_free(self, at: XY, width: float, height: float) -> bool:
+        rect = (at[0], at[1], at[0] + width, at[1] + height)
+        inside = (
+            at[0] >= 3 and at[1] >= 3 and rect[2] <= self.width - 4 and rect[3] <= self.height - 3
+        )
+        return inside and not any(overlap(rect, other) for other in self.taken)
 
     def _fine(self, at: XY) -> XY:
         return ((at[0] + 0.5) * _FINE - 0.5, (at[1] + 0.5) * _FINE - 0.5)
@@ -239,11 +283,7 @@ class Canvas:
         return (x - reach, y - reach, x + reach, y + reach)
 
     def _outline(self, at: XY, shape: str, radius: float) -> list[XY]:
-        turns, start, reach = {
-            "circle": (28, 0.0, 1.0),
-            "triangle": (3, -np.pi / 2, 1.28),
-            "square": (4, np.pi / 4, 1.2),
-        }[shape]
+        turns, start, reach = _SHAPES[shape]
         angles = start + 2 * np.pi * np.arange(turns) / turns
         lower = radius * 0.18 if shape == "triangle" else 0.0
         x, y = at[0], at[1] + lower
@@ -253,65 +293,16 @@ class Canvas:
         ]
 
 
-def clip_to(a: XY, b: XY, rect: Rect) -> tuple[XY, XY] | None:
-    """The part of a segment inside a rectangle (Liang and Barsky)."""
-    low, high = 0.0, 1.0
-    for axis in (0, 1):
-        step = b[axis] - a[axis]
-        for edge, sign in ((rect[axis], 1.0), (rect[axis + 2], -1.0)):
-            along, gap = -sign * step, sign * (a[axis] - edge)
-            if along == 0.0:
-                if gap < 0.0:
-                    return None
-                continue
-            share = gap / along
-            if along < 0.0:
-                low = max(low, share)
-            else:
-                high = min(high, share)
-    if low > high:
-        return None
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    return (a[0] + low * dx, a[1] + low * dy), (a[0] + high * dx, a[1] + high * dy)
+def _cross(at: XY, reach: float) -> Iterator[tuple[XY, XY]]:
+    x, y = at
+    yield (x - reach, y - reach), (x + reach, y + reach)
+    yield (x - reach, y + reach), (x + reach, y - reach)
 
 
-def dashes(a: XY, b: XY, dash: tuple[float, float] | None) -> Iterable[tuple[XY, XY]]:
-    """The pieces of a dashed line; the line itself without dashes."""
-    length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
-    if dash is None or length == 0.0:
-        yield a, b
-        return
-    at = 0.0
-    while at < length:
-        end = min(at + dash[0], length)
-        yield _between(a, b, at / length), _between(a, b, end / length)
-        at += dash[0] + dash[1]
-
-
-def _between(a: XY, b: XY, share: float) -> XY:
-    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
-
-
-def _overlap(a: Rect, b: Rect) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-def hull(points: Sequence[XY]) -> list[XY]:
-    """The convex outline of a few points (Andrew's chain)."""
-    ordered = sorted(set(points))
-    if len(ordered) < 3:
-        return ordered
-
-    def half(run: Iterable[XY]) -> list[XY]:
-        chain: list[XY] = []
-        for p in run:
-            while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
-                chain.pop()
-            chain.append(p)
-        return chain[:-1]
-
-    return half(ordered) + half(reversed(ordered))
-
-
-def _turn(o: XY, a: XY, b: XY) -> float:
-    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+def _double_arrow(at: XY, reach: float) -> Iterator[tuple[XY, XY]]:
+    x, y = at
+    yield (x - reach, y), (x + reach, y)
+    for side in (-1, 1):
+        end = x + side * reach * 1.15
+        for turn in (-1, 1):
+            yield (end, y), (end - side * reach * 0.5, y + turn * reach * 0.5)

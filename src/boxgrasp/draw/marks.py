@@ -2,35 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from boxgrasp.arrays import Floats
-from boxgrasp.draw.canvas import XY, Canvas, hull
-from boxgrasp.draw.palette import BLACK, CATEGORY, RGB, SHAPE, WHITE
+from boxgrasp.draw.canvas import Canvas, Look, Stroke
+from boxgrasp.draw.palette import BLACK, RGB, WHITE
+from boxgrasp.draw.planar import XY, hull
 from boxgrasp.draw.shapes import (
     EDGE_FACES,
     EDGES,
+    Hand,
     contact_line,
     corners,
     face_point,
     fingers,
     skeleton,
 )
+from boxgrasp.draw.text import Lettering
 from boxgrasp.draw.views import View
-from boxgrasp.draw.words import style_of
+from boxgrasp.draw.words import look_of
 from boxgrasp.grasps.candidates import TOP_PERPENDICULAR
-from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.grasps.scoring import category
-from boxgrasp.result import BoxReport, Candidate, Selection
+from boxgrasp.result import Candidate, Selection, TargetBox
 
-_APPROACH_M: Final = 0.15
-_CROWD: Final = 30
+_CROWD: Final = 30  # candidates, from which on marks are small and go without their numbers
+_LARGER: Final = 1.35  # the shown candidate's mark beside the others
+_LETTERING: Final = Lettering(13, WHITE, halo=BLACK)
+_SEEN_EDGE: Final = Stroke(WHITE, 3.0, halo=BLACK)
+_HIDDEN_EDGE: Final = Stroke(WHITE, 1.2, halo=BLACK)
 
 
-def draw_box(canvas: Canvas, view: View, box: BoxReport) -> None:
-    """The target's box in white; edges behind it thin."""
+def draw_box(canvas: Canvas, view: View, box: TargetBox) -> None:
+    """Draw the target's box in white; edges behind it thin.
+
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        box: the target's.
+    """
     places = corners(box.T_base_box, box.dimensions_m)
     R = box.T_base_box[:3, :3]
     for front in (False, True):
@@ -38,101 +50,119 @@ def draw_box(canvas: Canvas, view: View, box: BoxReport) -> None:
             middle = (places[a] + places[b]) / 2
             seen = any(view.faces(middle, sign * R[:, axis]) > 0 for axis, sign in faces)
             ends = view.segment(places[a], places[b])
-            if seen != front or ends is None:
-                continue
-            canvas.line(*ends, WHITE, 3.0 if seen else 1.2, halo=BLACK)
+            if seen == front and ends is not None:
+                canvas.line(*ends, _SEEN_EDGE if seen else _HIDDEN_EDGE)
 
 
-def draw_gripper(
-    canvas: Canvas,
-    view: View,
-    T_base_gripper: Floats,
-    T_base_pregrasp: Floats | None,
-    gripper: Gripper,
-    color: RGB,
-    dashed: bool,
-) -> None:
-    """The hand as the box that was checked, with fingers; its start faint, its way an arrow."""
+def draw_hand(canvas: Canvas, view: View, hand: Hand, color: RGB, *, dashed: bool) -> None:
+    """Draw the hand as the box that was checked, with fingers; its start faint, its way an arrow.
+
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        hand: what to draw.
+        color: of its lines.
+        dashed: whether it is a hand that will not go there.
+    """
     dash = (9.0, 6.0) if dashed else None
-    size = 2 * gripper.half_m
-    if T_base_pregrasp is not None:
-        _edges(canvas, view, corners(T_base_pregrasp, size), color, 1.4, None, 120, (4.0, 4.0))
-        for a, b in skeleton(T_base_pregrasp, gripper):
-            if (ends := view.segment(a, b)) is not None:
-                canvas.line(*ends, color, 3.0, alpha=110)
-    for finger in fingers(T_base_gripper, gripper):
+    if hand.T_base_pregrasp is not None:
+        faint = Stroke(color, 1.4, alpha=120, dash=(4.0, 4.0))
+        draw_edges(canvas, view, corners(hand.T_base_pregrasp, hand.size_m), faint)
+        _strokes(canvas, view, hand.T_base_pregrasp, hand, Stroke(color, 3.0, alpha=110))
+    for finger in fingers(hand.T_base_gripper, hand.gripper):
         flat = [view.point(corner) for corner in finger]
         if None not in flat:
             canvas.polygon(hull([at for at in flat if at is not None]), color, 120)
-    _edges(canvas, view, corners(T_base_gripper, size), color, 2.0, WHITE, 255, dash)
-    for a, b in skeleton(T_base_gripper, gripper):
-        if (ends := view.segment(a, b)) is not None:
-            canvas.line(*ends, color, 5.0, halo=WHITE, dash=dash)
-    back = gripper.length_m / 2 + _APPROACH_M
-    start = T_base_gripper[:3, 3] - T_base_gripper[:3, 0] * back
-    stop = T_base_gripper[:3, 3] - T_base_gripper[:3, 0] * (gripper.length_m / 2 + 0.01)
-    ends = view.segment(start, stop)
+    edge = Stroke(color, 2.0, halo=WHITE, dash=dash)
+    draw_edges(canvas, view, corners(hand.T_base_gripper, hand.size_m), edge)
+    _strokes(canvas, view, hand.T_base_gripper, hand, Stroke(color, 5.0, halo=WHITE, dash=dash))
+    _way(canvas, view, hand, Stroke(color, 4.0, halo=WHITE))
+
+
+def _way(canvas: Canvas, view: View, hand: Hand, stroke: Stroke) -> None:
+    """The last part of the approach, to the back of the hand."""
+    back, way = hand.gripper.length_m / 2, hand.approach_m
+    place, approach = hand.T_base_gripper[:3, 3], hand.T_base_gripper[:3, 0]
+    start = place - approach * (back + way)
+    ends = view.segment(start, place - approach * (back + min(0.01, way)))
     if ends is not None:
-        canvas.arrow(*ends, color, 4.0, halo=WHITE, head=18)
+        canvas.arrow(*ends, stroke, head=18)
 
 
-def _edges(
-    canvas: Canvas,
-    view: View,
-    places: Floats,
-    color: RGB,
-    width: float,
-    halo: RGB | None,
-    alpha: int,
-    dash: tuple[float, float] | None,
-) -> None:
-    for a, b in EDGES:
-        ends = view.segment(places[a], places[b])
-        if ends is not None:
-            canvas.line(*ends, color, width, halo=halo, dash=dash, alpha=alpha)
+def _strokes(canvas: Canvas, view: View, T: Floats, hand: Hand, stroke: Stroke) -> None:
+    for a, b in skeleton(T, hand.gripper):
+        if (ends := view.segment(a, b)) is not None:
+            canvas.line(*ends, stroke)
 
 
-def draw_candidates(
-    canvas: Canvas, view: View, selection: Selection, chosen: int | None, kind: str
-) -> None:
-    """Each candidate's line on its face and a mark beside it, pushed apart where they would meet.
+def draw_edges(canvas: Canvas, view: View, places: Floats, stroke: Stroke) -> None:
+    """Draw the edges of a box.
 
-    kind: `camera`, `above` or `side`; from the side only the marks that say something there.
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        places: (8, 3) float64 corners as `corners` gives them, base frame, m.
+        stroke: how they look.
     """
-    candidates, box = selection.candidates, selection.box
+    for a, b in EDGES:
+        if (ends := view.segment(places[a], places[b])) is not None:
+            canvas.line(*ends, stroke)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A candidate's mark: where it belongs and where it found room, px."""
+
+    candidate: Candidate
+    look: Look
+    radius: float
+    foot: XY
+    at: XY
+
+
+def draw_candidates(canvas: Canvas, view: View, selection: Selection, kind: str) -> None:
+    """Draw each candidate's line on its face, and a mark beside it that covers no other one.
+
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        selection: the answer.
+        kind: `camera`, `above` or `side`; from the side only the marks that say something there.
+    """
+    candidates, shown = selection.candidates, selection.shown
     for candidate in candidates:
-        _contact(canvas, view, candidate, box)
-    radius = _radius(view, box, len(candidates))
-    order = sorted(candidates, key=lambda candidate: (candidate.label != chosen, candidate.label))
-    placed: list[tuple[Candidate, XY]] = []
-    for candidate in order:
-        if kind == "side" and candidate.label != chosen and _behind(view, candidate):
+        _contact(canvas, view, candidate, selection.box)
+    radius = _radius(view, selection.box, len(candidates))
+    placed: list[_Placed] = []
+    for candidate in sorted(candidates, key=lambda item: (item is not shown, item.label)):
+        if kind == "side" and candidate is not shown and _behind(view, candidate):
             continue
-        size = radius * (1.35 if candidate.label == chosen else 1.0)
-        foot, direction = _spot(view, candidate, box)
+        size = radius * (_LARGER if candidate is shown else 1.0)
+        foot, direction = _spot(view, candidate, selection.box)
         if foot is None:
             continue
-        at = _free(foot, direction, size, [place for _, place in placed], canvas)
-        if at is None:
-            continue
-        placed.append((candidate, at))
-        if np.hypot(at[0] - foot[0], at[1] - foot[1]) > size:
-            canvas.line(foot, at, BLACK, 1.2, alpha=170)
-    for candidate, at in placed:
-        size = radius * (1.35 if candidate.label == chosen else 1.0)
-        if candidate.label == chosen:
-            canvas.ring(at, size + 4.5, WHITE, 2.5)
-        name = category(candidate.visible_clearance_m)
-        canvas.mark(at, SHAPE[name], CATEGORY[name], size, style_of(candidate))
-        canvas.take(at, size + 3)
-    if len(candidates) > _CROWD:
-        return
-    for candidate, at in placed:
-        canvas.label(at, str(candidate.label), 13, WHITE, halo=BLACK, away=radius + 3)
+        at = _free(canvas, foot, direction, size, [other.at for other in placed])
+        if at is not None:
+            placed.append(_Placed(candidate, look_of(candidate), size, foot, at))
+    _draw_placed(canvas, placed, shown)
+    for mark in placed if len(candidates) <= _CROWD else ():
+        number = str(mark.candidate.label)
+        canvas.text_beside(mark.at, number, _LETTERING, away=radius + 3)
 
 
-def _radius(view: View, box: BoxReport, count: int) -> float:
-    """Marks small enough for the box and their number."""
+def _draw_placed(canvas: Canvas, placed: Sequence[_Placed], shown: Candidate | None) -> None:
+    for mark in placed:
+        if np.hypot(mark.at[0] - mark.foot[0], mark.at[1] - mark.foot[1]) > mark.radius:
+            canvas.line(mark.foot, mark.at, Stroke(BLACK, 1.2, alpha=170))
+    for mark in placed:
+        if mark.candidate is shown:
+            canvas.ring(mark.at, mark.radius + 4.5, WHITE, 2.5)
+        canvas.mark(mark.at, mark.look, mark.radius)
+        canvas.take(mark.at, mark.radius + 3)
+
+
+def _radius(view: View, box: TargetBox, count: int) -> float:
+    """Marks small enough for the box and their number, px."""
     if count > _CROWD:
         return 5.0
     xy, _ = view.project(corners(box.T_base_box, box.dimensions_m))
@@ -147,22 +177,18 @@ def _behind(view: View, candidate: Candidate) -> bool:
     return view.faces(candidate.T_base_gripper[:3, 3], -candidate.T_base_gripper[:3, 0]) < -0.5
 
 
-def _contact(canvas: Canvas, view: View, candidate: Candidate, box: BoxReport) -> None:
+def _contact(canvas: Canvas, view: View, candidate: Candidate, box: TargetBox) -> None:
     line = contact_line(candidate, box)
     if view.faces(line.mean(axis=0), -candidate.T_base_gripper[:3, 0]) < 0.08:
         return
     ends = view.segment(*line)
     if ends is not None:
-        dash = None if candidate.rejected is None else (5.0, 4.0)
-        canvas.line(
-            *ends, CATEGORY[category(candidate.visible_clearance_m)], 2.2, halo=BLACK, dash=dash
-        )
+        dash = None if candidate.passed else (5.0, 4.0)
+        canvas.line(*ends, Stroke(look_of(candidate).color, 2.2, halo=BLACK, dash=dash))
 
 
-def _spot(
-    view: View, candidate: Candidate, box: BoxReport
-) -> tuple[XY | None, tuple[float, float]]:
-    """Where a candidate's mark belongs, in pixels, and the way to push it when that is taken."""
+def _spot(view: View, candidate: Candidate, box: TargetBox) -> tuple[XY | None, XY]:
+    """Where a candidate's mark belongs, px, and the way to push it when that is taken."""
     approach, opening = candidate.T_base_gripper[:3, 0], candidate.T_base_gripper[:3, 1]
     foot = face_point(candidate, box)
     outward = -approach
@@ -178,20 +204,18 @@ def _spot(
 
 
 def _free(
-    foot: XY, direction: tuple[float, float], radius: float, placed: list[XY], canvas: Canvas
+    canvas: Canvas, foot: XY, direction: XY, radius: float, placed: Sequence[XY]
 ) -> XY | None:
     """The first place from the foot outwards that is inside and touches no other mark."""
-    apart = 2 * radius + 5
+    apart, edge = 2 * radius + 5, radius + 4
     for turn in (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6):
         c, s = float(np.cos(turn)), float(np.sin(turn))
         dx, dy = direction[0] * c - direction[1] * s, direction[0] * s + direction[1] * c
         for step in range(7):
             away = radius * (1.4 + step)
-            at = (foot[0] + dx * away, foot[1] + dy * away)
-            within = (
-                radius + 4 < at[0] < canvas.width - radius - 4
-                and radius + 4 < at[1] < canvas.height - radius - 4
-            )
-            if within and all(np.hypot(at[0] - x, at[1] - y) >= apart for x, y in placed):
-                return at
+            x, y = foot[0] + dx * away, foot[1] + dy * away
+            if not (edge < x < canvas.width - edge and edge < y < canvas.height - edge):
+                continue
+            if all(np.hypot(x - other[0], y - other[1]) >= apart for other in placed):
+                return x, y
     return None

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from boxgrasp.arrays import Floats, Points
-from boxgrasp.geometry.transforms import transform
+from boxgrasp.arrays import Floats
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.result import BoxReport, Candidate
+from boxgrasp.result import Candidate, TargetBox
 
+_FINGER_M: Final = 0.06  # of the fingers before the target's face, as they are drawn
+_THINNEST_M: Final = 0.004
 _SIGNS: Final = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+# Pairs of corners that differ in one axis.
 EDGES: Final = (
-    (0, 1),
-    (0, 2),
-    (0, 4),
-    (1, 3),
-    (1, 5),
-    (2, 3),
-    (2, 6),
-    (3, 7),
-    (4, 5),
-    (4, 6),
-    (5, 7),
-    (6, 7),
-)
+    (0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7),
+)  # fmt: skip
 # For each edge the two faces that meet there, as (axis, sign) in box coordinates.
 EDGE_FACES: Final = tuple(
     tuple((axis, float(_SIGNS[a, axis])) for axis in range(3) if _SIGNS[a, axis] == _SIGNS[b, axis])
@@ -33,18 +26,77 @@ EDGE_FACES: Final = tuple(
 )
 
 
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """A hand at a candidate.
+
+    Attributes:
+        gripper: its sizes.
+        T_base_gripper: (4, 4) float64, m, where it closes.
+        T_base_pregrasp: (4, 4) float64, m, where its approach starts; None in an ask.
+    """
+
+    gripper: Gripper
+    T_base_gripper: Floats
+    T_base_pregrasp: Floats | None = None
+
+    @property
+    def size_m(self) -> Floats:
+        """(3,) sizes of its box along the gripper's x, y, z."""
+        return 2 * self.gripper.half_m
+
+    @property
+    def approach_m(self) -> float:
+        """From the pregrasp to the grasp; in an ask half its length, which shows the direction."""
+        if self.T_base_pregrasp is None:
+            return self.gripper.length_m / 2
+        way = self.T_base_gripper[:3, 3] - self.T_base_pregrasp[:3, 3]
+        return float(np.linalg.norm(way))
+
+    def nearest(self, point: Floats, *, on_the_way: bool = False) -> Floats:
+        """The place of its box that is nearest to a point.
+
+        Args:
+            point: (3,) float64, base frame, m.
+            on_the_way: whether the box is drawn out backwards along its approach.
+
+        Returns:
+            (3,) float64, base frame, m; the point itself where it lies inside.
+        """
+        low = -self.gripper.half_m
+        if on_the_way:
+            low[0] = -np.inf
+        local = transform(invert(self.T_base_gripper), point[None])
+        held = np.clip(local, low, self.gripper.half_m)
+        return np.asarray(transform(self.T_base_gripper, held)[0])
+
+
 def corners(T_base_box: Floats, size_m: Floats) -> Floats:
-    """(8, 3) corners of a box at the center of its frame, base frame."""
+    """The corners of a box.
+
+    Args:
+        T_base_box: (4, 4) float64 at its center, m.
+        size_m: (3,) along its x, y, z.
+
+    Returns:
+        (8, 3) float64, base frame, m.
+    """
     return np.asarray(transform(T_base_box, _SIGNS * np.asarray(size_m, np.float64) / 2))
 
 
 def fingers(T_base_gripper: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
-    """(8, 3) corners of both fingers: open, as deep as the gripper's box is before its palm."""
-    depth = min(gripper.length_m / 2, gripper.insertion_depth_m + 0.06)
-    gap, wide = (
-        gripper.max_opening_m / 2,
-        max(gripper.width_m / 2 - gripper.max_opening_m / 2, 0.004),
-    )
+    """Both fingers, open.
+
+    Args:
+        T_base_gripper: (4, 4) float64, m.
+        gripper: the hand.
+
+    Returns:
+        (8, 3) float64 corners of each, base frame, m; as deep as the hand's box is before its palm.
+    """
+    depth = _depth_m(gripper)
+    gap = gripper.max_opening_m / 2
+    wide = max(gripper.width_m / 2 - gap, _THINNEST_M)
     found = []
     for side in (1.0, -1.0):
         T = np.array(T_base_gripper)
@@ -55,9 +107,17 @@ def fingers(T_base_gripper: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
 
 
 def skeleton(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
-    """(2, 3) strokes of the hand: two fingers, the palm, the wrist."""
-    depth = min(gripper.length_m / 2, gripper.insertion_depth_m + 0.06)
-    tip, palm, y = gripper.length_m / 2, gripper.length_m / 2 - depth, gripper.max_opening_m / 2
+    """The hand as strokes.
+
+    Args:
+        T_base_gripper: (4, 4) float64, m.
+        gripper: the hand.
+
+    Returns:
+        (2, 3) float64 ends of each, base frame, m: two fingers, the palm, the wrist.
+    """
+    tip, y = gripper.length_m / 2, gripper.max_opening_m / 2
+    palm = tip - _depth_m(gripper)
     flat = (
         ((tip, y), (palm, y)),
         ((palm, y), (palm, -y)),
@@ -68,8 +128,16 @@ def skeleton(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
     return [np.asarray(transform(T_base_gripper, stroke)) for stroke in strokes]
 
 
-def face_point(candidate: Candidate, box: BoxReport) -> Floats:
-    """(3,) where a candidate's approach meets its face: the middle of its line, base frame."""
+def face_point(candidate: Candidate, box: TargetBox) -> Floats:
+    """Where a candidate's approach meets its face: the middle of its line.
+
+    Args:
+        candidate: any.
+        box: the target's.
+
+    Returns:
+        (3,) float64, base frame, m.
+    """
     position, approach = candidate.T_base_gripper[:3, 3], candidate.T_base_gripper[:3, 0]
     along = box.T_base_box[:3, :3].T @ approach
     reach = np.abs(along) @ box.dimensions_m / 2
@@ -78,17 +146,20 @@ def face_point(candidate: Candidate, box: BoxReport) -> Floats:
     )
 
 
-def contact_line(candidate: Candidate, box: BoxReport) -> Floats:
-    """(2, 3) ends of the candidate's line on its face, where the fingers close."""
+def contact_line(candidate: Candidate, box: TargetBox) -> Floats:
+    """A candidate's line on its face, where the fingers close.
+
+    Args:
+        candidate: any.
+        box: the target's.
+
+    Returns:
+        (2, 3) float64 ends, base frame, m.
+    """
     half = candidate.T_base_gripper[:3, 1] * candidate.width_m / 2
     middle = face_point(candidate, box)
     return np.array((middle - half, middle + half))
 
 
-def inside(
-    points: Points, box: BoxReport, margin_m: float
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """(N,) True for base points within the box and a margin round it."""
-    R = box.T_base_box[:3, :3].astype(points.dtype)
-    local = (points - box.T_base_box[:3, 3].astype(points.dtype)) @ R
-    return np.asarray((np.abs(local) <= box.dimensions_m / 2 + margin_m).all(axis=1))
+def _depth_m(gripper: Gripper) -> float:
+    return min(gripper.length_m / 2, gripper.insertion_depth_m + _FINGER_M)

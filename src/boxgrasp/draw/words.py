@@ -1,98 +1,112 @@
-"""What the picture says in words."""
+"""What the picture says in words, from the answer's data."""
 
 from __future__ import annotations
 
-from boxgrasp.draw.palette import WORD
+from boxgrasp.draw.canvas import Look
+from boxgrasp.draw.palette import CATEGORY, FAINT, SHAPE
 from boxgrasp.geometry.hand_distance import CAP_M
-from boxgrasp.grasps.candidates import FACES
-from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.checks.check import spelled
+from boxgrasp.grasps.checks.visible_clearance import VisibleClearance
+from boxgrasp.grasps.checks.width import Width
+from boxgrasp.grasps.checks.width_known import WidthKnown
 from boxgrasp.grasps.scoring import category
-from boxgrasp.result import Candidate, Selection
+from boxgrasp.result import Candidate, CheckValue, Selection
 
 
-def centimeters(value_m: float) -> str:
-    """`4.2 cm`, or `50 cm or more` at the cap."""
-    return f"{100 * CAP_M:.0f} cm or more" if value_m >= CAP_M else f"{100 * value_m:.1f} cm"
+def measured(value: float, unit: str | None) -> str:
+    """A check's value for people.
+
+    Args:
+        value: in `unit`.
+        unit: as in `CheckValue`.
+
+    Returns:
+        `4.2 cm`; `50.0 cm or more` where the distances end.
+    """
+    more = " or more" if unit == "m" and value == CAP_M else ""
+    return spelled(value, unit) + more
 
 
-def face_name(face: int) -> str:
-    """The name of a face's number."""
-    return FACES[face - 1] if 1 <= face <= len(FACES) else f"face {face}"
+def visible_clearance(candidate: Candidate) -> CheckValue | None:
+    """What the check of the visible clearance says of a candidate.
+
+    Args:
+        candidate: any.
+
+    Returns:
+        Its value, None where that check was not made.
+    """
+    return candidate.checks.get(VisibleClearance.name)
 
 
-def style_of(candidate: Candidate) -> str:
-    """`kept`; `wide` where the target's width does not fit or is unknown; else `dropped`."""
-    if candidate.rejected is None:
-        return "kept"
-    return "dropped" if candidate.fits else "wide"
+def look_of(candidate: Candidate) -> Look:
+    """A candidate's marker.
+
+    Args:
+        candidate: any.
+
+    Returns:
+        Shape and color by its visible clearance, a gray diamond where nobody measured it; style
+        `kept` where it passed, `wide` where the width does not fit or is unknown, else `dropped`.
+    """
+    style = "kept"
+    if not candidate.passed:
+        said = (candidate.checks.get(name) for name in (Width.name, WidthKnown.name))
+        style = "wide" if any(s is not None and not s.passed for s in said) else "dropped"
+    near = visible_clearance(candidate)
+    if near is None:
+        return Look("diamond", FAINT, style)
+    kind = category(near.value)
+    return Look(SHAPE[kind], CATEGORY[kind], style)
 
 
 def headline_of(selection: Selection) -> tuple[str, str]:
-    """The status in capitals and one sentence."""
-    if selection.status == "grasp" and selection.label is not None:
-        candidate = selection.candidate(selection.label)
-        free = f"{centimeters(candidate.visible_clearance_m)} free ({WORD[category(candidate.visible_clearance_m)]})"
-        return "GRASP", f"{face_name(candidate.face)} face, line {candidate.line}: {free}"
-    return "ASK A PERSON", selection.reason or "no candidate passes the check"
+    """The status in capitals, and one sentence.
+
+    Args:
+        selection: the answer.
+
+    Returns:
+        `GRASP` or `ASK A PERSON`, and the selection's headline.
+    """
+    return "ASK A PERSON" if selection.grasp is None else "GRASP", selection.headline()
 
 
-def facts_of(selection: Selection, gripper: Gripper) -> list[tuple[str, str]]:
-    """(name, value) rows for the text block."""
+def facts_of(selection: Selection) -> list[tuple[str, str]]:
+    """What is said of an answer beside its checks.
+
+    Args:
+        selection: the answer.
+
+    Returns:
+        Name and value of each row; a further row of the same name has an empty one.
+    """
     rows: list[tuple[str, str]] = []
-    if selection.status == "grasp" and selection.label is not None:
-        rows += _grasp(selection, selection.candidate(selection.label), gripper)
-    elif selection.best_rejected is not None:
-        rows += _rejected(selection, selection.candidate(selection.best_rejected), gripper)
-    best = selection.best_rejected
-    if selection.blocking and (
-        best is None or selection.candidate(best).rejected != selection.blocking
-    ):
-        rows.append(("In the way", selection.blocking))
-    if selection.reason and selection.status == "grasp":
-        rows.append(("Reason", selection.reason))
+    shown, grasp = selection.shown, selection.grasp
+    if shown is not None:
+        said = f"candidate {shown.label}, {shown.name}"
+        rows.append(("Nearest" if grasp is None else "Grasp", said))
+        rows += _listed("Rejected", [item.sentence for item in shown.rejections])
+        opening = spelled(selection.gripper.max_opening_m, "m")
+        width = spelled(shown.width_m, "m")
+        rows.append(("Width", f"{width} between the fingers, which open {opening}"))
+    if grasp is not None:
+        x, y, z = grasp.position_m
+        rows.append(("Gripper at", f"x {x:.3f}, y {y:.3f}, z {z:.3f} m"))
+    rows.append(("Passing", _passing(selection)))
     sides = " x ".join(f"{100 * value:.1f}" for value in selection.box.dimensions_m)
     rows.append(("Target", f"{sides} cm (x, y, z of its box)"))
-    given = (
-        "robot base, as given"
-        if selection.frame == "given"
-        else "support plane (no transform given)"
-    )
-    rows.append(("Frame", given))
+    given = selection.frame == "given"
+    rows.append(("Frame", "robot base, as given" if given else "support plane, as none is given"))
     rows.append(("Ranker", selection.ranker))
-    rows += [("Warning", warning) for warning in selection.warnings]
-    return rows
+    return rows + _listed("Warning", [warning.message for warning in selection.warnings])
 
 
-def _grasp(selection: Selection, candidate: Candidate, gripper: Gripper) -> list[tuple[str, str]]:
-    rows = [
-        (
-            "Grasp",
-            f"candidate {candidate.label}: {face_name(candidate.face)} face, line {candidate.line}",
-        )
-    ]
-    rows += _numbers(candidate, gripper)
-    if selection.position_m is not None:
-        x, y, z = selection.position_m
-        rows.append(("Gripper at", f"x {x:.3f}, y {y:.3f}, z {z:.3f} m"))
-    return rows
+def _listed(name: str, values: list[str]) -> list[tuple[str, str]]:
+    return [(name if k == 0 else "", value) for k, value in enumerate(values)]
 
 
-def _rejected(
-    selection: Selection, candidate: Candidate, gripper: Gripper
-) -> list[tuple[str, str]]:
-    name = f"candidate {candidate.label}: {face_name(candidate.face)} face, line {candidate.line}"
-    rows = [("Best try", name)]
-    if candidate.rejected:
-        rows.append(("Rejected", candidate.rejected))
-    return rows + _numbers(candidate, gripper)
-
-
-def _numbers(candidate: Candidate, gripper: Gripper) -> list[tuple[str, str]]:
-    opens = f"{100 * gripper.max_opening_m:.1f} cm"
-    return [
-        ("Clearance", f"{centimeters(candidate.visible_clearance_m)} to seen obstacles"),
-        ("", f"{centimeters(candidate.unseen_distance_m)} to unseen space"),
-        ("", f"{centimeters(candidate.approach_clearance_m)} on the way in"),
-        ("", f"{centimeters(candidate.plane_clearance_m)} over the support"),
-        ("Width", f"{100 * candidate.width_m:.1f} cm between the fingers, which open {opens}"),
-    ]
+def _passing(selection: Selection) -> str:
+    labels = [str(candidate.label) for candidate in selection.passing]
+    counts = f"{len(labels)} of {len(selection.candidates)} candidates"
+    return f"{counts}, best first: {', '.join(labels)}" if labels else counts

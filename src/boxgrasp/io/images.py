@@ -1,8 +1,10 @@
-"""PNG and JPEG images as arrays, their size known before a pixel is unpacked."""
+"""PNG and JPEG images as arrays, their size known before a pixel is unpacked; object images."""
 
 from __future__ import annotations
 
+import os
 import warnings
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -10,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from boxgrasp.errors import CaptureError
+from boxgrasp.errors import BoxgraspError, CaptureError
 from boxgrasp.io.extent import MAX_PIXELS
 
+_MOST_OBJECTS: Final = 65535
 _DEPTH_MODES: Final = ("I;16", "I;16B", "I;16L", "I")  # by Pillow's version and the file's order
 
 
@@ -54,6 +57,37 @@ def read_mask(source: Path, size: tuple[int, int] | None = None) -> NDArray[np.b
         opaque = pixels.shape[2] - (1 if pixels.shape[2] in (2, 4) else 0)
         pixels = pixels[..., :opaque].max(axis=2)
     return np.asarray(pixels != 0)
+
+
+def write_object_image(path: str | os.PathLike[str], image: NDArray[np.int32]) -> None:
+    """Write the object that each pixel shows as a gray PNG whose values are the objects' numbers.
+
+    8 bit up to 255 objects, which every reader gives back as it is; 16 bit beyond, for which
+    OpenCV wants `IMREAD_UNCHANGED`.
+
+    Args:
+        path: of the file; .png.
+        image: (H, W) integer of `GraspSelector.segment`, 0 for no object.
+
+    Raises:
+        BoxgraspError: another suffix, a number below 0 or over 65535, or a path that cannot be
+            written.
+    """
+    file = Path(path)
+    if file.suffix.lower() != ".png":
+        raise BoxgraspError(f"object image {file} has suffix {file.suffix!r}; valid: .png")
+    low, high = int(np.min(image, initial=0)), int(np.max(image, initial=0))
+    if low < 0 or high > _MOST_OBJECTS:
+        found = low if low < 0 else high
+        raise BoxgraspError(f"object image has number {found}; valid: 0 to {_MOST_OBJECTS}")
+    held = BytesIO()
+    pixels = image.astype(np.uint8 if high <= 255 else np.uint16)
+    Image.fromarray(pixels).save(held, "PNG")
+    try:
+        file.write_bytes(held.getvalue())
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise BoxgraspError(f"object image {file} cannot be written: {what}") from None
 
 
 def _open(
