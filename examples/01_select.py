@@ -6,15 +6,14 @@ from boxgrasp.simulate import demo_capture
 view = demo_capture()  # stands for your camera
 
 capture = Capture(
-    view.depth,  # (480, 640) float32, meters, 0 where missing
+    view.depth,  # (480, 640) float32, meters, 0 or NaN where missing
     view.intrinsics,  # (3, 3), pixels
     view.T_base_camera,  # (4, 4), maps camera into base coordinates; None is allowed
     target_pixel=view.target_pixel,  # (u, v) on the wanted object
 )
 selection = GraspSelector().select(capture)
 
-print("status:", selection.status)
-print("reason:", selection.reason)
-if selection.status == "grasp":
-    print("T_base_gripper:\n", selection.T_base_gripper)
-    print(f"clearance: {100 * selection.clearance_m:.1f} cm")
+print(selection.summary())
+if selection.grasp is not None:
+    print("T_base_gripper:\n", selection.grasp.T_base_gripper)
+    print(f"clearance: {100 * selection.grasp.clearance_m:.1f} cm")

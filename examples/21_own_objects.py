@@ -31,4 +31,4 @@ print(f"target {scenario.target}, {len(scenario.scene.spec['obstacles'])} obstac
 print(f"best true clearance of a candidate that can be taken: {scenario.truth.best_m:.3f} m")
 capture, _ = scenario.capture("xtion")  # a capture like any other, with the sensor's noise
 selection = GraspSelector().select(capture)
-print(f"{selection.status}: {selection.reason}")
+print(selection)

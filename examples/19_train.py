@@ -20,7 +20,7 @@ config = SetConfig(RowConfig(Recipe(targets_of("known")), seed=1, sights=("given
 with tempfile.TemporaryDirectory() as folder:
     store = Store(folder)
     with local_workers(processes=1) as workers:
-        make_set(store, "", config, workers, label="")
+        make_set(store, "", config, workers, title="")
     _, rows = read_set(store)
 
     made_with = Provenance("simulated", (1,), label_source="stand-in", gripper=Gripper())

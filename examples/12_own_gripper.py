@@ -14,5 +14,5 @@ small = {
 view = demo_capture()
 for name, config in (("default", {}), ("small", {"gripper": small})):
     selection = GraspSelector(config).select(view)
-    passing = [candidate.label for candidate in selection.candidates if candidate.rejected is None]
-    print(f"{name} hand: {selection.status}, label {selection.label}, passing {passing}")
+    print(f"{name} hand: {selection}")
+    print("  best first:", ", ".join(candidate.name for candidate in selection.passing))

@@ -23,4 +23,4 @@ with tempfile.TemporaryDirectory() as folder:
 line = selection.to_json()
 again = Selection.from_json(line)
 assert again.to_json() == line
-print(f"{len(line)} characters, label {again.label}, {again.timings_ms['total']:.0f} ms")
+print(f"{len(line)} characters, {again.timings_ms['total']:.0f} ms, {again}")

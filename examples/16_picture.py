@@ -11,6 +11,6 @@ view = demo_capture()
 selector = GraspSelector()
 with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "answer.png"
-    image = draw_selection(view, selector.select(view), path)  # with a hand: gripper=...
+    image = draw_selection(view, selector.select(view), path)  # a notebook shows it by itself
     print(f"{path.name}: {image.size[0]} x {image.size[1]}, {path.stat().st_size // 1024} KB")
-    draw_objects(view, selector.objects(view), Path(folder) / "objects.png")
+    draw_objects(view, selector.scene(view), Path(folder) / "objects.png")

@@ -6,7 +6,7 @@ from boxgrasp.simulate import demo_capture
 
 config = load_config({"candidates": {"lines": 5, "faces": ["front", "top-parallel"]}})
 selection = GraspSelector(config).select(demo_capture())
-print(len(selection.candidates), "candidates;", selection.status, selection.face)
+print(len(selection.candidates), "candidates;", selection)
 assert selection.config_hash == config_hash(config)
 
 print(dump_config(config))

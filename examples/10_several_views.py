@@ -17,5 +17,6 @@ one = selector.select(view)
 two = selector.select(view, scans=[other_view])  # all views need T_base_camera
 
 for name, selection in (("one view", one), ("two views", two)):
-    unseen = [f"{100 * candidate.unseen_distance_m:.1f}" for candidate in selection.candidates]
-    print(f"{name}: label {selection.label}, cm to unseen space: {' '.join(unseen)}")
+    unseen = [candidate.checks["unseen_distance"].value for candidate in selection.candidates]
+    print(f"{name}: {selection}")
+    print("  cm to unseen space:", *(f"{100 * value:.1f}" for value in unseen))

@@ -26,4 +26,4 @@ with tempfile.TemporaryDirectory() as folder:
     octomap = read_octomap(path)
 
 selection = GraspSelector().select(view, octomap=octomap)
-print(f"{len(octomap)} leaves; {selection.status}: {selection.reason}")
+print(f"{len(octomap)} leaves; {selection}")

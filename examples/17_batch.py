@@ -17,7 +17,7 @@ def answer(seed: int) -> str:
         selection = selector.select(demo_capture(seed), target)
     except BoxgraspError as error:
         return f"failed: {error}"
-    return f"{selection.status}: label {selection.label}, {selection.timings_ms['total']:.0f} ms"
+    return f"{selection} in {selection.timings_ms['total']:.0f} ms"
 
 
 with ThreadPoolExecutor(2) as pool:

@@ -14,7 +14,7 @@ from boxgrasp.teaching.sets import SetConfig, make_set, read_set
 config = SetConfig(RowConfig(Recipe(targets_of("known")), seed=1), count=8)
 with tempfile.TemporaryDirectory() as folder, local_workers(processes=1) as workers:
     store = Store(folder)  # or an fsspec URL
-    make_set(store, "", config, workers, label="")
+    make_set(store, "", config, workers, title="")
     _, rows = read_set(store)
 
 print(f"{rows.count} rows, {len(rows)} columns")

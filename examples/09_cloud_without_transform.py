@@ -10,5 +10,6 @@ selector = GraspSelector()
 selection = selector.select(capture, Target(object=selector.objects(capture)[0].number))
 print(selection.frame, "frame;", selection.status)
 print("T_base_camera:\n", selection.T_base_camera)
-print("warnings:", *selection.warnings, sep="\n  ")
+for warning in selection.warnings:
+    print(f"warning {warning.code}: {warning.message}")
 assert selection.frame == "support"
