@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from PIL import Image
 from boxgrasp import Capture, GraspSelector, Selection, __version__
 from boxgrasp.cli import COMMANDS, command_parser, main
 from boxgrasp.config import config_hash, load_config
+from boxgrasp.grasps.checks.check import spelled
 from boxgrasp.result import JSON_SCHEMA_PATH
 from boxgrasp.simulate import demo_capture
 
@@ -101,6 +103,18 @@ def test_no_command_shows_the_commands(capsys: pytest.CaptureFixture[str]) -> No
         ("select a --faces front,rear", "unknown face: rear; valid: left, front, right"),
         ("select a --faces ,", "unknown face: none; valid: left, front, right"),
         ("select a --ranker oracle", "oracle; valid: clearance"),
+        ("select a --chooser clearance", "--chooser is now --ranker"),
+        ("select a --chooser=clearance", "--chooser is now --ranker"),
+        ("select --chooser", "--chooser is now --ranker"),
+        ("explain a --chooser x", "--chooser is now --ranker"),
+        ("objects a --chooser x", "--chooser is now --ranker"),
+        ("config --chooser x", "--chooser is now --ranker"),
+        ("demo --chooser x", "--chooser is now --ranker"),
+        ("evaluate a --sight given", "--sight is now --target"),
+        (
+            "show a --gripper hand.yaml",
+            "--gripper is gone; valid: none, an answer carries its hand",
+        ),
         ("select a --config nowhere.yaml", "nowhere.yaml: No such file"),
         ("select a --gripper nowhere.yaml", "nowhere.yaml: No such file"),
         ("select a --mask nowhere.png", "nowhere.png: No such file"),
@@ -123,6 +137,7 @@ def test_mistakes_are_one_line_and_status_2(
 WORDS = st.sampled_from(
     [*COMMANDS, "--json", "--pixel", "--point", "--object", "--mask", "--scan", "--config", "--"]
     + ["--faces", "--picture", "--gripper", "--ranker", "--octomap", "--cloud-frame", "-v", "-"]
+    + ["--masks", "--chooser"]
     + ["1", "-1", "nan", "1e999", "front", "gone.npz", "", " ", "\n", "=", "--pixel=1", "base"]
 )
 
@@ -146,7 +161,7 @@ def test_select_json_holds_the_schema(table: str, capsys: pytest.CaptureFixture[
     schema = json.loads(JSON_SCHEMA_PATH.read_text("utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(answer, schema)
-    for wrong in ({"face": None}, {"status": "ask"}, {"extra": 1}, {"clearance_m": 0.6}):
+    for wrong in ({"grasp": None}, {"status": "ask"}, {"extra": 1}, {"schema": 1}, {"risk": 1}):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(answer | wrong, schema)
     assert main(["select", "--json", table, "--faces", "left"]) == 0
@@ -168,10 +183,27 @@ def test_python_and_command_line_agree(
     assert said == known
 
 
-def test_summary_for_people(table: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["select", table]) == 0
-    shown = capsys.readouterr()
-    assert shown.out.startswith(f"{table}: ") and shown.err == ""
+def test_summary_for_people(table: str, view: Capture, capsys: pytest.CaptureFixture[str]) -> None:
+    """Capture, status and headline; pose; how many pass; nothing that the answer does not hold."""
+    for config, words in (({}, []), ({"candidates": {"faces": ["left"]}}, ["--faces", "left"])):
+        answer = GraspSelector(config).select(view)
+        assert main(["select", table, *words]) == 0
+        shown = capsys.readouterr()
+        first, *pose, count = shown.out.splitlines()
+        assert first == f"{table}: {answer.status}: {answer.headline()}" and shown.err == ""
+        assert count == f"  {len(answer.passing)} of 15 candidates pass, ordered by clearance"
+        told = [] if answer.grasp is None else [*answer.grasp.position_m.round(3)]
+        assert [float(word) for word in " ".join(pose).split()[2:5]] == told
+
+
+def test_summary_says_what_an_unchecked_grasp_lacks(
+    table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hand = tmp_path / "hand.yaml"
+    hand.write_text("max_opening_m: 0.01")
+    assert main(["select", table, "--unchecked", "--gripper", str(hand)]) == 0
+    shown = capsys.readouterr().out
+    assert "\n  unchecked: width: " in shown and "\n  0 of 15 candidates pass" in shown
 
 
 def test_words_may_come_in_any_order(table: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -186,10 +218,17 @@ def test_a_bad_capture_does_not_stop_the_batch(
     bad.write_bytes(Path(table).read_bytes()[:1000])
     assert main(["select", "--json", "gone.npz", table, str(bad), table]) == 2
     shown = capsys.readouterr()
-    assert [answer["capture"] for answer in answers(shown.out)] == [table, table]
+    told = answers(shown.out)
+    assert [answer["capture"] for answer in told] == ["gone.npz", table, str(bad), table]
+    assert ["error" in answer for answer in told] == [True, False, True, False]
     lines = shown.err.splitlines()
+    for line, answer in zip(lines, told[::2], strict=True):
+        assert set(answer) == {"capture", "error"}
+        assert line == f"boxgrasp: {answer['capture']}: {answer['error']}"
     assert len(lines) == 2 and "gone.npz" in lines[0] and str(bad) in lines[1]
     assert all(line.startswith("boxgrasp: ") for line in lines)
+    assert main(["select", "gone.npz", table]) == 2
+    assert capsys.readouterr().out.count(": grasp: ") == 1, "words alone without --json"
 
 
 def test_a_fault_of_ours_does_not_stop_the_batch(
@@ -207,7 +246,9 @@ def test_a_fault_of_ours_does_not_stop_the_batch(
     monkeypatch.setattr(GraspSelector, "select", fail_once)
     assert main(["select", "--json", table, table]) == 2
     shown = capsys.readouterr()
-    assert len(answers(shown.out)) == 1
+    fault = "internal error: ZeroDivisionError: float division"
+    assert answers(shown.out)[0] == {"capture": table, "error": fault}
+    assert len(answers(shown.out)) == 2 and "status" in answers(shown.out)[1]
     assert shown.err.splitlines() == [
         f"boxgrasp: {table}: internal error: ZeroDivisionError: float division"
     ]
@@ -221,7 +262,7 @@ def test_a_fault_of_ours_does_not_stop_the_batch(
 def test_a_target_that_is_not_there(
     words: tuple[str, ...], table: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["select", "--json", table, *words]) == 2
+    assert main(["select", table, *words]) == 2
     assert f"{table}: " in one_line(capsys)
 
 
@@ -240,6 +281,73 @@ def test_objects_and_their_numbers(
         assert np.linalg.norm((center - item.center_m)[:2]) < 0.05
 
 
+def test_objects_as_json_and_masks(
+    table: str, view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every field, the number of each pixel without a loss, and one object for what fails."""
+    out = tmp_path / "masks.png"
+    words = ["objects", "--json", "--masks", str(out)]
+    assert main([*words, table]) == 0
+    (told,) = answers(capsys.readouterr().out)
+    selector = GraspSelector()
+    objects = selector.objects(view)
+    assert set(told) == {"capture", "frame", "T_base_camera", "objects", "warnings"}
+    assert (told["capture"], told["frame"], told["warnings"]) == (table, "given", [])
+    np.testing.assert_array_equal(told["T_base_camera"], view.T_base_camera)
+    for item, said in zip(objects, told["objects"], strict=True):  # type: ignore[call-overload]
+        assert said == {
+            "number": item.number,
+            "center_m": item.center_m.tolist(),
+            "size_m": item.size_m.tolist(),
+            "distance_m": item.distance_m,
+            "points": item.points,
+            "pixel": list(item.pixel),
+        }
+        u, v = said["pixel"]
+        assert selector.segment(view)[v, u] == item.number
+    with Image.open(out) as image:
+        np.testing.assert_array_equal(np.asarray(image), selector.segment(view))
+    out.unlink()
+    assert main([*words, table, "gone.npz", table]) == 2
+    shown = capsys.readouterr()
+    assert [set(line) == {"capture", "error"} for line in answers(shown.out)] == [0, 1, 0]
+    assert shown.err.count("\n") == 1 and "gone.npz: " in shown.err
+    assert {path.name for path in tmp_path.iterdir()} == {"masks_1.png", "masks_3.png"}
+    assert main(["objects", table, "--masks", str(tmp_path / "masks.jpg")]) == 2
+    assert "masks.jpg has suffix '.jpg'; valid: .png" in one_line(capsys)
+
+
+def test_objects_without_a_pose_or_an_image(
+    view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The support plane's frame is said to be one; a cloud without pixels has no masks."""
+    bare = tmp_path / "bare.npz"
+    save(bare, view, T_base_camera=None)
+    assert main(["objects", "--json", str(bare)]) == 0
+    (told,) = answers(capsys.readouterr().out)
+    assert told["frame"] == "support"
+    assert [warning["code"] for warning in told["warnings"]] == ["base_from_support_plane"]  # type: ignore[attr-defined]
+    assert main(["objects", str(bare)]) == 0
+    assert capsys.readouterr().out.endswith("the base frame is the support plane's\n")
+    cloud = tmp_path / "cloud.ply"
+    write_ply(cloud, view.valid_points()[0][::4])
+    assert main(["objects", "--json", str(cloud)]) == 0
+    (told,) = answers(capsys.readouterr().out)
+    assert all(item["pixel"] is None for item in told["objects"])  # type: ignore[attr-defined]
+    assert main(["objects", "--json", str(cloud), "--masks", str(tmp_path / "m.png")]) == 2
+    shown = capsys.readouterr()
+    assert "an unorganized cloud has no pixels" in shown.err
+    (told,) = answers(shown.out)
+    assert set(told) == {"capture", "error"}
+
+
+def write_ply(path: Path, points: np.ndarray) -> None:
+    head = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
+    head += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
+    rows = (f"{x:.4f} {y:.4f} {z:.4f}" for x, y, z in points.tolist())
+    path.write_text("\n".join([*head, *rows, ""]))
+
+
 def test_target_by_mask_file(
     table: str, view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -252,7 +360,7 @@ def test_target_by_mask_file(
     assert main(["select", "--json", table, "--mask", str(path)]) == 0
     assert len(answers(capsys.readouterr().out)) == 1
     Image.fromarray(mask[:-1]).save(path)
-    assert main(["select", "--json", table, "--mask", str(path)]) == 2
+    assert main(["select", table, "--mask", str(path)]) == 2
     assert "valid: bool" in one_line(capsys)
 
 
@@ -272,7 +380,10 @@ def test_faces_are_obeyed(table: str, capsys: pytest.CaptureFixture[str]) -> Non
     for face, number in (("left", 1), ("right", 3), ("top-parallel", 4)):
         assert main(["select", "--json", table, "--faces", face]) == 0
         (answer,) = answers(capsys.readouterr().out)
-        assert answer["face"] in (number, None)
+        grasp = answer["grasp"]
+        assert grasp is None or grasp["face"] == number  # type: ignore[index]
+        for candidate in answer["candidates"]:  # type: ignore[attr-defined]
+            assert candidate["checks"]["allowed_faces"]["passed"] == (candidate["face"] == number)
 
 
 def test_unchecked_always_grasps(table: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -291,12 +402,54 @@ def test_gripper_file(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "max_opening_m is 0; valid: a number above 0" in one_line(capsys)
 
 
-def test_explain_names_every_candidate(table: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_shows_what_every_check_says(
+    table: str, view: Capture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A row a candidate and a column a check, a star where it failed; then every reason."""
+    answer = GraspSelector().select(view)
     assert main(["explain", table]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    rows = lines[-15:]
-    assert [int(row.split()[0]) for row in rows] == list(range(1, 16))
-    assert sum("=>" in row for row in rows) <= 1
+    told, checks, reasons = capsys.readouterr().out.rstrip().split("\n\n")
+    assert told.startswith(f"{table}: grasp: ")
+    *_, limits = checks.splitlines()[:-15]
+    of_first = answer.candidates[0].checks
+    spelled_limits = [spelled(said.limit, said.unit) for said in of_first.values()]
+    assert re.split(r"  +", limits.strip()) == ["limit", *spelled_limits]
+    columns = set()
+    for candidate, row in zip(answer.candidates, checks.splitlines()[-15:], strict=True):
+        cells = re.split(r"  +", row.strip())
+        said = [
+            spelled(value.value, value.unit) + "*" * (not value.passed)
+            for value in candidate.checks.values()
+        ]
+        names = [str(candidate.label), candidate.face_name, str(candidate.line)]
+        chosen = answer.grasp is not None and candidate.label == answer.grasp.label
+        result = "chosen" if chosen else "passes" if candidate.passed else "rejected"
+        assert cells == [*names, str(candidate.rank), *said, result]
+        columns.add((row.index(candidate.face_name), row.rindex(result)))
+    assert len(columns) == 1, "columns line up"
+    expected = [
+        (candidate.name, reason.sentence)
+        for candidate in answer.candidates
+        for reason in candidate.rejections
+    ]
+    rows = [re.split(r"  +", row.strip()) for row in reasons.splitlines()[1:]]
+    name, found = "", []
+    for row in rows:
+        name = row[1] if len(row) == 3 else name
+        found.append((name, row[-1]))
+    assert found == expected
+
+
+def test_explain_an_ask_without_a_passing_candidate(
+    table: str, view: Capture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = GraspSelector({"candidates": {"faces": ["left"]}}).select(view)
+    assert answer.refusal is not None
+    assert main(["explain", table, "--faces", "left"]) == 0
+    shown = capsys.readouterr().out
+    (row,) = (row for row in shown.splitlines() if row.endswith("rejected, nearest"))
+    assert int(row.split()[0]) == answer.refusal.nearest_label
+    assert "allowed faces: no" in shown
 
 
 def test_pictures(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -326,6 +479,9 @@ def test_show_draws_the_same_again(
     assert len(shown.out.splitlines()) == 2
     errors = shown.err.splitlines()
     assert len(errors) == 2 and f"{saved}:2" in errors[0] and f"{saved}:3" in errors[1]
+    saved.write_text('{"capture": "gone.npz", "error": "no such file"}')
+    assert main(["show", str(saved)]) == 2
+    assert f"{saved}:1: no answer to gone.npz: no such file" in one_line(capsys)
     saved.write_text("")
     assert main(["show", str(saved)]) == 2
     assert "no answers" in one_line(capsys)
@@ -435,8 +591,9 @@ def test_scans_and_map(
         assert main(["select", "--json", table, *words.split()]) == 0
         (answer,) = answers(capsys.readouterr().out)
         told[words.partition(" ")[0]] = [
-            candidate["visible_clearance_m"] for candidate in answer["candidates"]
-        ]  # type: ignore[attr-defined]
+            candidate["checks"]["visible_clearance"]["value"]
+            for candidate in answer["candidates"]  # type: ignore[attr-defined]
+        ]
     assert len(told["--scan"]) == 15
     assert all(mapped <= alone for mapped, alone in zip(told["--octomap"], told[""], strict=True))
     assert max(told["--octomap"][9:]) < 0.01 < max(told[""][9:]), (
