@@ -211,7 +211,7 @@ class GraspSelector:
         clock.lap("mapping")
         # 4. Every candidate, and what each check says of it (2-4, 3-4).
         candidates = candidates_of(box, config.gripper, config.candidates.lines)
-        context = CheckContext(
+        surroundings = CheckContext(
             candidates=candidates,
             gripper=config.gripper,
             box=box,
@@ -222,20 +222,10 @@ class GraspSelector:
             map_obstacles=map_obstacles,
             width_known=truncation.width_known,
         )
-        results = {check.name: self._evaluated(check, context) for check in self.checks}
+        context = RankingContext(box, candidates, self._results(surroundings), maps)
         clock.lap("checks")
-        return SceneAnalysis(
-            scene=scene,
-            target_points=points,
-            context=RankingContext(box, candidates, results, maps),
-            truncation=truncation,
-            warnings=(
-                *capture.warnings,
-                *scene_warnings(scene),
-                *_truncation_warnings(truncation),
-            ),
-            clock=clock,
-        )
+        warnings = (*capture.warnings, *scene_warnings(scene), *_truncation_warnings(truncation))
+        return SceneAnalysis(scene, points, context, truncation, warnings, clock)
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
         """The objects on the support plane.
@@ -284,9 +274,13 @@ class GraspSelector:
         """Compile or load every kernel, so that the first select is as quick as the next."""
         self.select(_two_blocks(), Target(pixel=(80, 60)))
 
-    @staticmethod
-    def _evaluated(check: Check, context: CheckContext) -> CheckResult:
-        return validate_result(check, check.evaluate(context), len(context.candidates.label))
+    def _results(self, context: CheckContext) -> dict[str, CheckResult]:
+        """What each check says, by its name."""
+        count = len(context.candidates.label)
+        return {
+            check.name: validate_result(check, check.evaluate(context), count)
+            for check in self.checks
+        }
 
     def _maps(
         self, view: _View, box: Box, map_resolutions_m: Sequence[float]
