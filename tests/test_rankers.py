@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,21 @@ from test_imports import run
 from tiny_models import VERSIONS, parts_of, trained, write_models
 
 from boxgrasp import GraspSelector
-from boxgrasp.errors import ConfigError, ModelError
+from boxgrasp.errors import BoxgraspError, ConfigError, ModelError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.ranking.features import line, single
-from boxgrasp.ranking.ranker import NAMES, RankerSetup, RankingContext, ranker_named
-from boxgrasp.ranking.sampling import sampling
+from boxgrasp.ranking.features import line_features, single_features
+from boxgrasp.ranking.ranker import (
+    SHIPPED,
+    Ranker,
+    RankerSetup,
+    Ranking,
+    RankingContext,
+    ranker_named,
+)
+from boxgrasp.ranking.sampling import portion, sampling
 
 SEEDS = range(4)
 CELLS_M = (0.03, 0.07)
@@ -34,20 +42,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_models(tmp_path_factory.mktemp("models"))
 
 
-def situation(seed: int, lines: int = 3) -> RankingContext:
+def context_of(seed: int, lines: int = 3) -> RankingContext:
     selector = GraspSelector({"candidates": {"lines": lines}})
-    return selector.sight(seen(drawn(seed), seed), cells_m=CELLS_M).context
+    return selector.analyze(seen(drawn(seed), seed), map_resolutions_m=CELLS_M).context
 
 
 def a_box(x: float, y: float, z: float, at: float = 0.8, lines: int = 3) -> RankingContext:
     box = Box(make_transform(np.eye(3), (at, 0, z / 2)), np.array([x, y, z]))
-    return RankingContext(box, candidates_of(box, Gripper(), lines), None, {})  # type: ignore[arg-type]
+    return RankingContext(box, candidates_of(box, Gripper(), lines), {}, {})
 
 
-def expected_order(version: str, s: RankingContext) -> list[int]:
+def expected_order(version: str, context: RankingContext) -> list[int]:
     """Labels by scikit-learn itself, candidate by candidate (thesis 2-3-2, 2-3-3)."""
     name = version.split("-")[1]
-    local_map, points, size = s.maps[0.03 if name == "spiral" else 0.07], sampling(name), s.box
+    local_map = context.local_maps[0.03 if name == "spiral" else 0.07]
+    points, dimensions_m = sampling(name), context.box.dimensions_m[None]
 
     def ordered(part: str, X: Any, count: int) -> list[int]:
         svc, _ = trained(version, part)
@@ -62,12 +71,13 @@ def expected_order(version: str, s: RankingContext) -> list[int]:
         )
         return [predicted, *rest]
 
-    whole = single(local_map, size.dimensions_m, points, 0.25)
+    (whole,) = single_features(local_map.values_at(points)[None], dimensions_m, 0.25)
     if version.startswith("single"):
         return ordered("single", whole, 15)
     found = []
     for face in ordered("face", whole, 5):
-        X = line(local_map, size.dimensions_m, points, face, 0.25)
+        occupancy = local_map.values_at(portion(points, face))[None]
+        (X,) = line_features(occupancy, dimensions_m, face, 0.25)
         found += [(face - 1) * 3 + k for k in ordered("side" if face <= 3 else "top", X, 3)]
     return found
 
@@ -75,31 +85,33 @@ def expected_order(version: str, s: RankingContext) -> list[int]:
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_order_is_the_thesis(version: str, seed: int, folder: Path) -> None:
-    s = situation(seed)
-    found = ranker_named(version, RankerSetup(str(folder))).rank(s)
-    assert (found.order + 1).tolist() == expected_order(version, s)
+    context = context_of(seed)
+    found = ranker_named(version, RankerSetup(str(folder))).rank(context)
+    assert (found.order + 1).tolist() == expected_order(version, context)
 
 
 def test_versions_and_scenes_differ(folder: Path) -> None:
     """The test above would hold for a ranker that looks at nothing, were all orders the same."""
     orders = {
-        tuple(ranker_named(version, RankerSetup(str(folder))).rank(situation(seed)).order.tolist())
+        tuple(ranker_named(version, RankerSetup(str(folder))).rank(context_of(seed)).order.tolist())
         for version in VERSIONS
         for seed in SEEDS
     }
     assert len(orders) > 8
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SHIPPED)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_every_candidate_once_and_sureness_never_rises(name: str, seed: int, folder: Path) -> None:
-    s = situation(seed)
-    found = ranker_named(name, RankerSetup(str(folder))).rank(s)
+def test_every_candidate_once_and_confidence_never_rises(
+    name: str, seed: int, folder: Path
+) -> None:
+    context = context_of(seed)
+    found = ranker_named(name, RankerSetup(str(folder))).rank(context)
     assert sorted(found.order.tolist()) == list(range(15))
     along = found.confidence[found.order]
     assert along.shape == (15,) and (along >= 0).all() and (along <= 1).all()
     assert (np.diff(along) <= 0).all() and found.confidence.sum() > 0
-    again = ranker_named(name, RankerSetup(str(folder))).rank(s)
+    again = ranker_named(name, RankerSetup(str(folder))).rank(context)
     np.testing.assert_array_equal(found.order, again.order)
     np.testing.assert_array_equal(found.confidence, again.confidence)
 
@@ -107,8 +119,8 @@ def test_every_candidate_once_and_sureness_never_rises(name: str, seed: int, fol
 @pytest.mark.parametrize("version", VERSIONS)
 def test_maps_of_the_right_cells_are_read(version: str, folder: Path) -> None:
     ranker = ranker_named(version, RankerSetup(str(folder)))
-    assert ranker.resolutions_m == ((0.03,) if version.endswith("spiral") else (0.07,))
-    assert ranker.notes == ()
+    assert ranker.map_resolutions_m == ((0.03,) if version.endswith("spiral") else (0.07,))
+    assert ranker.warnings == ()
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -117,12 +129,15 @@ def test_selecting_with_models(version: str, folder: Path) -> None:
     config = {"ranker": version, "models": str(folder)}
     found = GraspSelector(config).select(view)
     assert found.ranker == version
-    order = sorted(found.candidates, key=lambda candidate: candidate.ranking)
-    assert [candidate.label for candidate in order] == expected_order(version, situation(1))
-    passing = [candidate.label for candidate in order if candidate.rejected is None]
-    assert found.label == (passing[0] if passing else None)
+    order = sorted(found.candidates, key=lambda candidate: candidate.rank)
+    assert [candidate.rank for candidate in order] == list(range(1, 16))
+    assert [candidate.label for candidate in order] == expected_order(version, context_of(1))
+    passing = [candidate.label for candidate in order if candidate.passed]
+    assert [candidate.label for candidate in found.passing] == passing
+    label = None if found.grasp is None else found.grasp.label
+    assert label == (passing[0] if passing else None)
     bare = GraspSelector({**config, "unchecked": True}).select(view)
-    assert bare.label == order[0].label
+    assert bare.grasp is not None and bare.grasp.label == order[0].label
 
 
 def test_another_number_of_lines(tmp_path: Path, folder: Path) -> None:
@@ -132,22 +147,23 @@ def test_another_number_of_lines(tmp_path: Path, folder: Path) -> None:
     assert "candidates.lines is 5" in text and "trained for 3" in text and "\n" not in text
     models = write_models(tmp_path, lines=5)
     for version in VERSIONS:
-        found = ranker_named(version, RankerSetup(str(models), lines=5)).rank(situation(0, 5))
+        found = ranker_named(version, RankerSetup(str(models), lines=5)).rank(context_of(0, 5))
         assert sorted(found.order.tolist()) == list(range(25))
 
 
 @pytest.mark.parametrize("version", ["single-grid", "cascade-spiral"])
 def test_another_hand_is_said(version: str, folder: Path) -> None:
     gripper = Gripper(max_opening_m=0.1, length_m=0.2)
-    (note,) = ranker_named(version, RankerSetup(str(folder), gripper)).notes
-    assert "max_opening_m 0.12, now 0.1" in note and "length_m 0.22, now 0.2" in note
-    assert "width" not in note and "\n" not in note
+    (warning,) = ranker_named(version, RankerSetup(str(folder), gripper)).warnings
+    said = warning.message
+    assert warning.code == "trained_with_another_gripper"
+    assert "max_opening_m 0.12, now 0.1" in said and "length_m 0.22, now 0.2" in said
+    assert "width" not in said and "\n" not in said
     config = {"ranker": version, "models": str(folder), "gripper": {"max_opening_m": 0.1}}
-    assert any(
-        "another hand" in said for said in GraspSelector(config).select(seen(drawn(0))).warnings
-    )
+    told = GraspSelector(config).select(seen(drawn(0))).warnings
+    assert "trained_with_another_gripper" in [warning.code for warning in told]
     tool = dataclasses.replace(Gripper(), T_gripper_tcp=tuple(map(tuple, np.eye(4).tolist())))
-    assert ranker_named(version, RankerSetup(str(folder), tool)).notes == ()
+    assert ranker_named(version, RankerSetup(str(folder), tool)).warnings == ()
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -190,6 +206,64 @@ def test_other_features_are_refused(tmp_path: Path) -> None:
         ranker_named("single-grid", RankerSetup(str(tmp_path)))
 
 
+class Reversed(Ranker):
+    """A user's own: the last label first, the most confident first."""
+
+    name = "reversed"
+
+    def rank(self, context: RankingContext) -> Ranking:
+        count = len(context.candidates.label)
+        return Ranking(np.arange(count)[::-1], np.linspace(0.0, 1.0, count))
+
+
+def test_an_own_ranker_is_handed_over() -> None:
+    """In place of the configuration's; the checks are the same; confidence goes by the row."""
+    view = seen(drawn(1), 1)
+    shipped, own = GraspSelector().select(view), GraspSelector(ranker=Reversed()).select(view)
+    assert own.ranker == "reversed"
+    assert [candidate.rank for candidate in own.candidates] == list(range(15, 0, -1))
+    assert [candidate.checks for candidate in own.candidates] == [
+        candidate.checks for candidate in shipped.candidates
+    ]
+    passing = [candidate.label for candidate in shipped.candidates if candidate.passed]
+    assert [candidate.label for candidate in own.passing] == passing[::-1]
+    assert own.grasp is not None and own.grasp.label == passing[-1]
+    assert own.grasp.confidence == (own.grasp.label - 1) / 14
+
+
+@pytest.mark.parametrize(
+    ("order", "confidence", "said"),
+    [
+        (range(14), [0.5] * 15, "order is no permutation; valid: each row of 0 to 14"),
+        ([0] * 15, [0.5] * 15, "order is no permutation"),
+        (range(1, 16), [0.5] * 15, "order is no permutation"),
+        (range(15), [0.5] * 14, "confidence is not 15 numbers from 0 to 1"),
+        (range(15), [1.5] * 15, "confidence is not 15 numbers from 0 to 1"),
+        (range(15), [np.nan] * 15, "confidence is not 15 numbers from 0 to 1"),
+    ],
+)
+def test_an_own_ranking_that_does_not_fit(
+    order: Sequence[int], confidence: list[float], said: str
+) -> None:
+    class Wrong(Reversed):
+        def rank(self, context: RankingContext) -> Ranking:
+            return Ranking(np.array(order), np.array(confidence))
+
+    with pytest.raises(BoxgraspError, match="ranker reversed: " + said):
+        GraspSelector(ranker=Wrong()).select(seen(drawn(1), 1))
+
+
+@pytest.mark.parametrize("ranker", [Reversed, "clearance", object()], ids=str)
+def test_what_is_no_ranker(ranker: Any) -> None:
+    with pytest.raises(ConfigError, match=r"is a class; valid: an object|is no ranker; valid:"):
+        GraspSelector(ranker=ranker)
+
+
+def test_a_ranker_that_reads_a_check_that_is_not_made() -> None:
+    with pytest.raises(ConfigError, match="reads the check visible_clearance, which is not in"):
+        GraspSelector(checks=[]).select(seen(drawn(1), 1))
+
+
 def test_top_down_by_example() -> None:
     """Parallel closes over y, perpendicular over x; the narrower first, then the other."""
     ranker = ranker_named("top-down")
@@ -203,7 +277,7 @@ def test_top_down_by_example() -> None:
 
 def test_top_down_in_a_scene() -> None:
     found = GraspSelector({"ranker": "top-down"}).select(seen(laid(item("green_cube", 0.85, 0.0))))
-    assert found.label in (11, 14)
+    assert found.grasp is not None and found.grasp.label in (11, 14)
 
 
 def test_random_is_even_over_scenes() -> None:
