@@ -22,5 +22,6 @@ print("targets:", dict(Counter(rows["target"].tolist())))
 print("labels:", rows["label"].tolist(), "by", set(rows["label_source"].tolist()))
 for k in range(rows.count):
     chosen = rows["label"][k] - 1  # of the 15 candidates
-    seen, true = rows["given_seen_m"][k, chosen], rows["given_true_clearance_m"][k, chosen]
+    seen = rows["given_visible_clearance_m"][k, chosen]
+    true = rows["given_true_clearance_m"][k, chosen]
     print(f"{rows['target'][k]:14} chosen is clear by {seen:.3f} m as seen, {true:.3f} m in truth")

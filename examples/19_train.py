@@ -9,14 +9,17 @@ from pathlib import Path
 
 from boxgrasp import GraspSelector, Gripper
 from boxgrasp.execution import Store, local_workers
+from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import SetConfig, make_set, read_set
-from boxgrasp.teaching.train import SVMS, Provenance, train_svm
+from boxgrasp.teaching.train import Provenance, train_svm
 
 single_grid = next(svm for svm in SVMS if svm.name == "single-grid")
-config = SetConfig(RowConfig(Recipe(targets_of("known")), seed=1, sights=("given",)), count=40)
+config = SetConfig(
+    RowConfig(Recipe(targets_of("known")), seed=1, target_sources=("given",)), count=40
+)
 with tempfile.TemporaryDirectory() as folder:
     store = Store(folder)
     with local_workers(processes=1) as workers:
@@ -32,4 +35,4 @@ with tempfile.TemporaryDirectory() as folder:
 
     selector = GraspSelector({"ranker": "single-grid", "models": folder})
 selection = selector.select(demo_capture())
-print(f"{selection.ranker}: {selection.status} {selection.label}")
+print(selection.headline())

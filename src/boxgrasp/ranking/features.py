@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import BoxgraspError, ConfigError
-from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
+from boxgrasp.grasps.candidates import FRONT, LEFT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR
 from boxgrasp.ranking.sampling import PORTION_WIDTH_M, is_side, portion
 
 # Thesis 3-3-2: side and top faces go to different models, so values may repeat.
-FACE_FEATURE = {1: 0.0, 2: 0.5, 3: 1.0, 4: 0.0, 5: 1.0}
+FACE_FEATURE = {LEFT: 0.0, FRONT: 0.5, RIGHT: 1.0, TOP_PARALLEL: 0.0, TOP_PERPENDICULAR: 1.0}
 DIMENSIONS = ("depth_x", "width_y", "height_z")
 
 
@@ -66,6 +66,9 @@ def line_schema(points: Floats, face: int, width_m: float = PORTION_WIDTH_M) -> 
 
     Returns:
         p + 4 names.
+
+    Raises:
+        ConfigError: a face other than 1 to 5, a width that is not positive.
     """
     cut_for = RIGHT if is_side(face) else TOP_PERPENDICULAR
     kind = "side" if is_side(face) else "top"

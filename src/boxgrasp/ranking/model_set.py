@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
-from boxgrasp.errors import BoxgraspError, ModelError
+from boxgrasp.errors import BoxgraspError, MissingExtraError, ModelError
 from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.ranking.features import (
@@ -24,15 +23,14 @@ from boxgrasp.ranking.features import (
     single_features,
     single_schema,
 )
-from boxgrasp.ranking.onnx.model import Model, cascaded, load_model, ranked
+from boxgrasp.ranking.onnx.model import Classes, Model, cascaded, load_model, ranked
 from boxgrasp.ranking.onnx.record import model_name, validate_fits
 from boxgrasp.ranking.sampling import is_side, portion, sampling
 
-Labels = NDArray[np.int64]
 Part = Literal["single", "face", "side", "top"]
 PARTS: tuple[Part, ...] = ("single", "face", "side", "top")
 SAMPLINGS = ("spiral", "grid")
-FACES = range(1, 6)
+FACE_NUMBERS = range(1, 6)
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ class SampledScenes:
         points = sampling(name)
         return SampledScenes(
             local_map.values_at(points)[None],
-            {face: local_map.values_at(portion(points, face))[None] for face in FACES},
+            {face: local_map.values_at(portion(points, face))[None] for face in FACE_NUMBERS},
             dimensions_m[None],
         )
 
@@ -117,8 +115,15 @@ class Decider(Protocol):
     def classes(self) -> tuple[int, ...]:
         """Classes as trained, rising."""
 
-    def decide(self, X: Points) -> tuple[Labels, Floats]:
-        """(N,) predictions and (N, K) decision values in the order of `classes`."""
+    def decide(self, X: Points) -> tuple[Classes, Floats]:
+        """What the classifier predicts.
+
+        Args:
+            X: (N, F) float32 rows of features.
+
+        Returns:
+            (N,) int64 predictions, and (N, K) float64 decision values in the order of `classes`.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +142,7 @@ class ModelSet:
     parts: Mapping[Part, Decider]
     lines: int
 
-    def order(self, scenes: SampledScenes) -> tuple[Labels, Floats]:
+    def order(self, scenes: SampledScenes) -> tuple[Classes, Floats]:
         """Every candidate of N scenes, best first.
 
         First the prediction, then by the decision values. Confidence is the share of
@@ -155,7 +160,7 @@ class ModelSet:
         if "single" in self.parts:
             return _decided(self.parts["single"], whole, 5 * self.lines)
         faces, face_shares = _decided(self.parts["face"], whole, 5)
-        decided = [self._lines(scenes, face) for face in FACES]
+        decided = [self._lines(scenes, face) for face in FACE_NUMBERS]
         lines, line_shares = (np.stack(pair, axis=1) for pair in zip(*decided, strict=True))
         after = np.append(face_shares[:, 1:], np.zeros((len(faces), 1)), axis=1)
         between = face_shares - after
@@ -163,20 +168,20 @@ class ModelSet:
         confidence = after[:, :, None] + between[:, :, None] * chosen
         return cascaded(faces, lines), confidence.reshape(len(faces), -1)
 
-    def _lines(self, scenes: SampledScenes, face: int) -> tuple[Labels, Floats]:
+    def _lines(self, scenes: SampledScenes, face: int) -> tuple[Classes, Floats]:
         """(N, l) lines of one face, best first, and their shares."""
         X = line_features(scenes.portions[face], scenes.dimensions_m, face, self.largest_edge_m)
         return _decided(self.parts["side" if is_side(face) else "top"], X, self.lines)
 
 
-def _decided(decider: Decider, X: Points, count: int) -> tuple[Labels, Floats]:
-    """(N, count) labels, best first, and the share of contests each won, never rising."""
-    label, decision = decider.decide(X)
-    labels = ranked(label, decision, decider.classes, range(1, count + 1))
+def _decided(decider: Decider, X: Points, count: int) -> tuple[Classes, Floats]:
+    """(N, count) classes, best first, and the share of contests each won, never rising."""
+    predicted, decision = decider.decide(X)
+    classes = ranked(predicted, decision, decider.classes, range(1, count + 1))
     won = np.zeros((len(X), count))
     won[:, np.array(decider.classes) - 1] = decision / max(len(decider.classes) - 1, 1)
-    shares = np.take_along_axis(np.clip(won, 0.0, 1.0), labels - 1, axis=1)
-    return labels, np.minimum.accumulate(shares, axis=1)
+    shares = np.take_along_axis(np.clip(won, 0.0, 1.0), classes - 1, axis=1)
+    return classes, np.minimum.accumulate(shares, axis=1)
 
 
 def read_models(version: str, read: Callable[[str], bytes]) -> dict[Part, Model]:
@@ -191,6 +196,7 @@ def read_models(version: str, read: Callable[[str], bytes]) -> dict[Part, Model]
 
     Raises:
         ModelError: a file that is no such model, or does not fit the features or the other parts.
+        MissingExtraError: onnxruntime is not installed.
         BoxgraspError: as `read` raises it.
     """
     models: dict[Part, Model] = {}
@@ -202,7 +208,11 @@ def read_models(version: str, read: Callable[[str], bytes]) -> dict[Part, Model]
             model = load_model(data)
             if model.record.name != svm.name:
                 raise ModelError(f"holds {model.record.name}; valid: {svm.name}")
+            if model.record.sampling != svm.sampling:
+                raise ModelError(f"sampling is {model.record.sampling!r}; valid: {svm.sampling}")
             validate_fits(model.record, svm.schema)
+        except MissingExtraError:
+            raise
         except BoxgraspError as error:
             raise type(error)(f"{svm.name}.onnx: {error}") from None
         models[svm.part] = model

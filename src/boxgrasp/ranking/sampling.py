@@ -33,12 +33,19 @@ _MOST_STEPS = 200
 
 
 @cache
-def grid(resolution_m: float = 0.07, radius_m: float = RADIUS_M) -> Floats:
-    """(P, 3) points of a square grid in the half sphere, meters, read-only; z, then y, then x rise.
+def grid(resolution_m: float = RESOLUTION_M["grid"], radius_m: float = RADIUS_M) -> Floats:
+    """Points of a square grid in the half sphere (thesis algorithm 4).
 
     x and y are odd multiples of half the spacing, z its multiples from 0 up, so that none lies on
-    the border between cells of a local map of that resolution. Thesis algorithm 4, its start moved
-    by half a cell: as printed it gives 195 points where the thesis counts 184.
+    the border between cells of a local map of that resolution. The algorithm's start is moved by
+    half a cell: as printed it gives 195 points where the thesis counts 184.
+
+    Args:
+        resolution_m: spacing, m.
+        radius_m: of the half sphere, m.
+
+    Returns:
+        (P, 3) float64, map frame, m, read-only; z, then y, then x rise.
 
     Raises:
         ConfigError: spacing or radius not positive, or more than 200 steps a radius.
@@ -61,16 +68,31 @@ def grid(resolution_m: float = 0.07, radius_m: float = RADIUS_M) -> Floats:
 
 
 def dense(radius_m: float = RADIUS_M) -> Floats:
-    """(2256, 3) points, one for each 3 cm cell of the half sphere (thesis figure 2-5)."""
+    """A point for each 3 cm cell of the half sphere (thesis figure 2-5).
+
+    Args:
+        radius_m: of the half sphere, m.
+
+    Returns:
+        (2256, 3) float64 with the thesis's radius, map frame, m, read-only.
+
+    Raises:
+        ConfigError: a radius that is not positive.
+    """
     return grid(RESOLUTION_M["dense"], radius_m)
 
 
 @cache
 def spiral(layers: tuple[tuple[float, int], ...] = LAYERS) -> Floats:
-    """(P, 3) points on half spheres, given as (radius in meters, number of points), read-only.
+    """Points on half spheres, each layer half a golden spiral (thesis algorithms 2 and 3).
 
-    Each layer is the upper half of a golden spiral of twice the points (thesis algorithms 2 and 3).
     Angles start at 0, not at 1 as printed: then the portions have the thesis's 57 and 118 points.
+
+    Args:
+        layers: (radius in m, number of points) of each.
+
+    Returns:
+        (P, 3) float64, map frame, m, read-only.
 
     Raises:
         ConfigError: a radius that is not positive, a number of points below 1.
@@ -93,7 +115,13 @@ def spiral(layers: tuple[tuple[float, int], ...] = LAYERS) -> Floats:
 
 
 def sampling(name: str) -> Floats:
-    """The points of `grid` (184), `spiral` (184) or `dense` (2,256) with the thesis's parameters.
+    """The points of a sampling with the thesis's parameters.
+
+    Args:
+        name: `grid` (184), `spiral` (184) or `dense` (2,256).
+
+    Returns:
+        (P, 3) float64, map frame, m, read-only.
 
     Raises:
         ConfigError: another name.
@@ -107,27 +135,42 @@ def sampling(name: str) -> Floats:
     raise ConfigError(f"sampling is {name!r}; valid: {', '.join(RESOLUTION_M)}")
 
 
-def portion(points: Floats, face: int, width: float = PORTION_WIDTH_M) -> Floats:
-    """(p, 3) points in front of `face`, cut out of (P, 3) points, their order kept, read-only.
+def portion(points: Floats, face: int, width_m: float = PORTION_WIDTH_M) -> Floats:
+    """The points in front of a face, their order kept (thesis 3-2-2).
 
-    Cut once for the right face (|x| at most width / 2, y below 0) and once for top-perpendicular
-    (|x| at most width / 2); for the other faces the same list is turned about the vertical. Feature
-    i therefore stands for the same place relative to the gripper, whatever the face (thesis 3-2-2).
+    Cut once for the right face (|x| at most width_m / 2, y below 0) and once for top-perpendicular
+    (|x| at most width_m / 2); for the other faces the same list is turned about the vertical.
+    Feature i therefore stands for the same place relative to the gripper, whatever the face.
+
+    Args:
+        points: (P, 3) float64, map frame, m.
+        face: 1 to 5.
+        width_m: of the slab, m.
+
+    Returns:
+        (p, 3) float64, map frame, m, read-only.
 
     Raises:
         ConfigError: a face other than 1 to 5, a width that is not positive.
     """
     if face not in _TURN:
         raise ConfigError(f"face is {face!r}; valid: 1 to 5")
-    _validate_positive("portion width", width)
-    kept = np.abs(points[:, 0]) <= width / 2 + _SLACK
+    _validate_positive("portion width", width_m)
+    kept = np.abs(points[:, 0]) <= width_m / 2 + _SLACK
     if is_side(face):
         kept &= points[:, 1] < -_SLACK
     return _closed(points[kept] @ rotation_z(_TURN[face]).T)
 
 
 def is_side(face: int) -> bool:
-    """True for left, front and right, which share one portion; False for the two top faces."""
+    """Whether a face is left, front or right; these share a portion, and both top faces another.
+
+    Args:
+        face: 1 to 5.
+
+    Returns:
+        Whether it is.
+    """
     return face <= RIGHT
 
 

@@ -18,17 +18,24 @@ _EVEN = 1e-11
 
 
 def to_onnx(svc: Any, record: Record) -> bytes:
-    """The ONNX file of a trained scikit-learn SVC with RBF kernel, its record inside.
+    """The ONNX file of a trained SVM, its record inside.
 
     Input `features` (N, F) float32; outputs `label` (N,) int64, LIBSVM's vote with ties to the
     lowest class, and `decision` (N, K) float64, scikit-learn's one-against-rest decision_function
     (for two classes the same formula, a column each). The same model gives the same bytes.
 
+    Args:
+        svc: a scikit-learn SVC with RBF kernel.
+        record: how it was made.
+
+    Returns:
+        The file.
+
     Raises:
         ModelError: another kernel, one class, or a record of another model.
         MissingExtraError: onnx is not installed.
     """
-    _check(svc, record)
+    _validate(svc, record)
     graph = _Graph()
     classes = np.asarray(svc.classes_, dtype=np.int64)
     first, second = np.triu_indices(len(classes), k=1)
@@ -39,7 +46,7 @@ def to_onnx(svc: Any, record: Record) -> bytes:
     return graph.file(len(record.features), len(classes), record)
 
 
-def _check(svc: Any, record: Record) -> None:
+def _validate(svc: Any, record: Record) -> None:
     if svc.kernel != "rbf" or not isinstance(svc.gamma, float):
         raise ModelError(f"SVC has kernel {svc.kernel!r}, gamma {svc.gamma!r}; valid: rbf, number")
     if svc.class_weight is not None or svc.break_ties:
@@ -135,6 +142,7 @@ class _Graph:
         return name
 
     def add(self, operator: str, *inputs: str, output: str | None = None, **how: Any) -> str:
+        """A node; its output's name."""
         name = output or f"v{len(self._nodes)}"
         self._nodes.append(self._onnx.helper.make_node(operator, inputs, [name], **how))
         return name

@@ -1,7 +1,7 @@
 """One scenario as a row: its scene, its truth, what the code saw of it, and the operator's label.
 
-Each scenario is seen twice. `given`: the target's points as they truly are (thesis 1-6 takes the
-segmentation as given) and the aligned box: the thesis. `found`: the package as it ships, which
+Each scenario is answered twice. `given`: the target's points as they truly are (thesis 1-6 takes
+the segmentation as given) and the aligned box: the thesis. `found`: the package as it ships, which
 finds the object under a pixel by itself and may turn the box.
 """
 
@@ -11,34 +11,43 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from boxgrasp.arrays import Array, readonly
+from boxgrasp.arrays import Array, Points, readonly
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform, rotation_z
-from boxgrasp.mapping.local_map import LocalMap
+from boxgrasp.grasps.candidates import LINES
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
-from boxgrasp.ranking.sampling import RESOLUTION_M, portion, sampling
+from boxgrasp.ranking.model_set import SAMPLINGS
+from boxgrasp.ranking.sampling import RESOLUTION_M
 from boxgrasp.selector import GraspSelector, SceneAnalysis
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenario import OPERATOR, Recipe, Scenario, draw_scenario
 from boxgrasp.simulate.truth import candidate_truth, true_box
 from boxgrasp.teaching.operators import Operator, Shown
+from boxgrasp.teaching.samples import sample_states
 from boxgrasp.teaching.stand_in import StandIn
 
 TARGET_SOURCES = ("given", "found")
-SAMPLINGS = ("grid", "spiral")
 FITS = {"given": "aligned", "found": "yaw"}
-CELLS_M = tuple(sorted({RESOLUTION_M[name] for name in SAMPLINGS}))
-# Of each candidate, measured by the check.
-NUMBERS = (
-    "visible_clearance_m", "occluded_clearance_m", "unseen_distance_m", "unseen_fraction", "plane_clearance_m", "approach_clearance_m", "fits", "known",
-)  # fmt: skip
+MAP_RESOLUTIONS_M = tuple(sorted({RESOLUTION_M[name] for name in SAMPLINGS}))
+# Columns of each candidate, and the checks whose values they hold.
+CHECK_VALUES: Final = {
+    "visible_clearance_m": "visible_clearance",
+    "occluded_clearance_m": "occluded_clearance",
+    "unseen_distance_m": "unseen_distance",
+    "unseen_fraction": "unseen_fraction",
+    "approach_clearance_m": "approach_clearance",
+    "plane_clearance_m": "plane_clearance",
+}
+# Columns of each candidate, and the checks that say yes or no.
+CHECK_FLAGS: Final = {"fits": "width", "width_known": "width_known"}
 # Of each candidate, exact truth of its pose.
 TRUTHS = ("clearance_m", "plane_clearance_m", "approach_clearance_m", "fits")
 
@@ -48,10 +57,16 @@ STAND_IN = StandIn()
 
 @dataclass(frozen=True)
 class RowConfig:
-    """How rows are made: the recipe of their scenes, the seed, lines a face, the target_sources.
+    """How rows are made.
 
-    runs: how often each scenario is seen, its noise drawn anew; frames: how many frames are fused
-    in the map of each; stride: as `MappingConfig.stride`.
+    Attributes:
+        recipe: of their scenes.
+        seed: of the set.
+        lines: l, lines a face.
+        target_sources: where the target's points come from, `given`, `found` or both.
+        runs: how often each scenario is seen, its noise drawn anew.
+        frames: how many frames are fused in the map of each.
+        stride: as `MappingConfig.stride`.
 
     Raises:
         ConfigError: a seed or a number of lines that cannot be.
@@ -59,11 +74,13 @@ class RowConfig:
 
     recipe: Recipe
     seed: int
-    lines: int = 3
+    lines: int = LINES
     target_sources: tuple[str, ...] = TARGET_SOURCES
     runs: int = 1
     frames: int = 1
     stride: int | None = None
+
+    RENAMED: ClassVar = {"sights": "target_sources", "thin": "stride"}
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:  # the seed's column is int64
@@ -72,104 +89,161 @@ class RowConfig:
             raise ConfigError(f"lines is {self.lines}; valid: 1 to 99")
 
 
+@dataclass(frozen=True, eq=False)
+class ScenarioView:
+    """One look at a scenario.
+
+    Attributes:
+        capture: the view.
+        object_ids: (H, W) int32, the true object of each pixel.
+        run: which drawing of the noise.
+        scans: further frames, for the map alone.
+    """
+
+    capture: Capture
+    object_ids: NDArray[np.int32]
+    run: int = 0
+    scans: Sequence[Capture] = ()
+
+
 def row_of(config: RowConfig, number: int, operator: Operator = STAND_IN) -> Row:
-    """Row `number` of a set: its scenario drawn, cast, seen and labeled by the operator."""
+    """A row of a set: its scenario drawn, cast, answered and labeled.
+
+    Args:
+        config: of the set.
+        number: of the row.
+        operator: who labels.
+
+    Returns:
+        Values by column.
+
+    Raises:
+        SceneError: a target that the objects do not have, or no such scene.
+    """
     number, run = divmod(number, config.runs)
     scenario = scenario_of_row(config, number)
-    seen = [
-        scenario.capture(config.recipe.noise, run * config.frames + k) for k in range(config.frames)
+    first = run * config.frames
+    (capture, object_ids), *others = [
+        scenario.capture(config.recipe.noise, first + k) for k in range(config.frames)
     ]
-    capture, labels = seen[0]
-    scans = [view for view, _ in seen[1:]]
-    return scenario_row(scenario, capture, labels, config, run, scans, operator)
+    view = ScenarioView(capture, object_ids, run, [scan for scan, _ in others])
+    return scenario_row(scenario, view, config, operator)
 
 
 @lru_cache(maxsize=2)
 def scenario_of_row(config: RowConfig, number: int) -> Scenario:
-    """The scenario of a number; rows of its runs follow each other."""
+    """A scenario of a set; the last two are kept, as rows of its runs follow each other.
+
+    Args:
+        config: of the set.
+        number: of the scenario.
+
+    Returns:
+        The scenario.
+
+    Raises:
+        SceneError: a target that the objects do not have, or no such scene.
+    """
     return draw_scenario(config.recipe, config.seed, number, lines=config.lines)
 
 
 def scenario_row(
-    scenario: Scenario,
-    capture: Capture,
-    labels: Array,
-    config: RowConfig,
-    run: int = 0,
-    scans: Sequence[Capture] = (),
-    operator: Operator = STAND_IN,
+    scenario: Scenario, view: ScenarioView, config: RowConfig, operator: Operator = STAND_IN
 ) -> Row:
     """The row of one view of a scenario.
 
-    labels: (H, W) true object of each pixel; scans: further frames, for the map alone.
+    Args:
+        scenario: scene and truth.
+        view: of it.
+        config: of the set.
+        operator: who labels.
+
+    Returns:
+        Values by column.
     """
-    row = {**_truth_columns(scenario), "run": run}
+    row = {**_truth_columns(scenario), "run": view.run}
     scene: Scene | None = None
-    blocked: Array | None = None
-    for name in config.target_sources:
-        chosen = selector(name, config.lines, config.stride)
-        mask = labels == scenario.scene.target_id
-        target = Target(mask=mask) if name == "given" else None
+    given_obstacles: Points | None = None
+    for source in config.target_sources:
+        chosen = selector(source, config.lines, config.stride)
+        mask = view.object_ids == scenario.scene.target_id
+        target = Target(mask=mask) if source == "given" else None
         try:
-            scene = scene or chosen.scene(capture)
-            analysis = chosen.analyze(capture, target, scans, scene=scene, cells_m=CELLS_M)
-        except BoxgraspError as error:
-            row[f"{name}_error"] = str(error)
-            continue
-        if name == "given":
-            blocked = np.ascontiguousarray(
-                analysis.scene.points[analysis.target_points.obstacle_mask]
+            scene = scene or chosen.scene(view.capture)
+            analysis = chosen.analyze(
+                view.capture, target, view.scans, scene=scene, map_resolutions_m=MAP_RESOLUTIONS_M
             )
+        except BoxgraspError as error:
+            row[f"{source}_error"] = str(error)
+            continue
+        if source == "given":
+            given_obstacles = _obstacle_points(analysis)
             label = operator.label(shown(analysis, chosen), scenario.rng(OPERATOR))
             row |= {"label": label.label, "label_source": label.source}
-        row |= {f"{name}_{key}": value for key, value in _sight_columns(analysis, scenario).items()}
-        if blocked is not None:
-            hands = hand_distance.uprights(
-                analysis.context.candidates.T_base_gripper, chosen.config.gripper.half_m
-            )
-            row[f"{name}_visible_m"] = hand_distance.to_points(hands, blocked)[0]
+        columns = _analysis_columns(analysis, scenario)
+        if given_obstacles is not None:
+            T, half_m = analysis.context.candidates.T_base_gripper, chosen.config.gripper.half_m
+            hands = hand_distance.uprights(T, half_m)
+            columns["thesis_clearance_m"] = hand_distance.to_points(hands, given_obstacles)[0]
+        row |= {f"{source}_{name}": value for name, value in columns.items()}
     return row
 
 
 def shown(analysis: SceneAnalysis, selector: GraspSelector) -> Shown:
-    """What the operator is shown of a analysis."""
+    """What the operator is shown of a scene.
+
+    Args:
+        analysis: of it.
+        selector: whose hand it is.
+
+    Returns:
+        Visible points, box and candidates.
+    """
     return Shown(
         analysis.context.box,
         analysis.context.candidates,
-        np.ascontiguousarray(analysis.scene.points[analysis.target_points.obstacle_mask]),
+        _obstacle_points(analysis),
         float(analysis.context.box.base_center_m[2]),
         selector.config.gripper,
     )
 
 
 @cache
-def selector(analysis: str, lines: int, stride: int | None = None) -> GraspSelector:
-    """The configuration of a analysis."""
+def selector(target_source: str, lines: int, stride: int | None = None) -> GraspSelector:
+    """The selector that answers rows.
+
+    Args:
+        target_source: `given` or `found`.
+        lines: l, lines a face.
+        stride: as `MappingConfig.stride`.
+
+    Returns:
+        One a process for the same arguments.
+    """
     return GraspSelector(
         {
-            "box": {"fit": FITS[analysis]},
+            "box": {"fit": FITS[target_source]},
             "candidates": {"lines": lines},
             "mapping": {"stride": stride},
         }
     )
 
 
-@cache
-def sample_points(name: str) -> tuple[Array, Array]:
-    """A sampling's P points, and the portions of the five faces one after the other (3-2-2)."""
-    points = sampling(name)
-    return points, np.concatenate([portion(points, face) for face in range(1, 6)])
+def box_of(place: Array, dimensions_m: Array) -> Box:
+    """The box of a row's columns.
+
+    Args:
+        place: (4,) x, y, z of its center, base frame, m, and its yaw, radians.
+        dimensions_m: (3,) along its x, y, z, m.
+
+    Returns:
+        The box.
+    """
+    return Box(readonly(make_transform(rotation_z(place[3]), place[:3])), readonly(dimensions_m))
 
 
-def occupied_at(local_map: LocalMap, name: str) -> tuple[Array, Array]:
-    """uint8 occupancy (0 free, 1 unseen, 2 occupied) of a sampling's points and portions."""
-    whole, parts = sample_points(name)
-    return states_at(local_map, whole), states_at(local_map, parts)
-
-
-def states_at(local_map: LocalMap, points: Array) -> Array:
-    """(N,) uint8 occupancy of points (map frame): 0 free, 1 unseen, 2 occupied."""
-    return np.asarray((2 * local_map.values_at(points)).astype(np.uint8))
+def _obstacle_points(analysis: SceneAnalysis) -> Points:
+    return np.ascontiguousarray(analysis.scene.points[analysis.target_points.obstacle_mask])
 
 
 def _truth_columns(scenario: Scenario) -> Row:
@@ -187,22 +261,18 @@ def _truth_columns(scenario: Scenario) -> Row:
     }
 
 
-def _sight_columns(analysis: SceneAnalysis, scenario: Scenario) -> Row:
-    box, numbers = analysis.context.box, analysis.context.numbers
-    truth = candidate_truth(scenario.scene, analysis.context.candidates.T_base_gripper)
+def _analysis_columns(analysis: SceneAnalysis, scenario: Scenario) -> Row:
+    context = analysis.context
+    truth = candidate_truth(scenario.scene, context.candidates.T_base_gripper)
     row: Row = {
-        "box": np.array([*box.T_base_box[:3, 3], box.yaw_rad]),
-        "dimensions_m": box.dimensions_m,
-        "passes": analysis.verdict.passing,
-        **{name: getattr(numbers, name) for name in NUMBERS},
+        "box": np.array([*context.box.T_base_box[:3, 3], context.box.yaw_rad]),
+        "dimensions_m": context.box.dimensions_m,
+        "passes": analysis.passing,
+        **{column: context.result(check).value for column, check in CHECK_VALUES.items()},
+        **{column: context.result(check).passed for column, check in CHECK_FLAGS.items()},
         **{f"true_{name}": getattr(truth, name) for name in TRUTHS},
     }
     for name in SAMPLINGS:
-        local_map = analysis.context.local_maps[RESOLUTION_M[name]]
-        row[name], row[f"{name}_portions"] = occupied_at(local_map, name)
+        local_map = context.local_maps[RESOLUTION_M[name]]
+        row[name], row[f"{name}_portions"] = sample_states(local_map, name)
     return row
-
-
-def box_of(place: Array, dimensions_m: Array) -> Box:
-    """The box of a row's columns."""
-    return Box(readonly(make_transform(rotation_z(place[3]), place[:3])), readonly(dimensions_m))

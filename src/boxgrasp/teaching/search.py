@@ -27,7 +27,13 @@ _DECIMALS = 12  # of a squared distance that count: the rest differs between mac
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The heat map of 3-12: mean accuracies (len(gammas), len(costs)); costs are values of C."""
+    """The heat map of figure 3-12.
+
+    Attributes:
+        costs: values of C.
+        gammas: values of gamma.
+        accuracies: (len(gammas), len(costs)) means over the folds, 0 to 1.
+    """
 
     costs: tuple[float, ...]
     gammas: tuple[float, ...]
@@ -36,7 +42,15 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The pair that was chosen, its accuracy, and all that were tried."""
+    """The pair that was chosen, and all that were tried.
+
+    Attributes:
+        C: of the SVM.
+        gamma: of its RBF kernel.
+        accuracy: mean over the folds, 0 to 1.
+        coarse: the first grid.
+        fine: the grid round the choice of the first.
+    """
 
     C: float
     gamma: float
@@ -54,10 +68,21 @@ def search(
     costs: Sequence[float] = COARSE_C,
     gammas: Sequence[float] = COARSE_GAMMA,
 ) -> Search:
-    """C and gamma of an RBF SVM for rows X (N, F) with classes y (N,).
+    """C and gamma of an RBF SVM (thesis 3-3-2, 4-1).
 
     A coarse grid, then a finer one round its choice, one coarse step to either side; the choice is
-    made among all pairs of both. costs (values of C) and gammas rise.
+    made among all pairs of both.
+
+    Args:
+        X: (N, F) float32 features.
+        y: (N,) classes.
+        folds: of the cross-validation.
+        seed: of the folds.
+        costs: rising values of C of the coarse grid.
+        gammas: rising values of gamma of the coarse grid.
+
+    Returns:
+        The choice.
 
     Raises:
         BoxgraspError: fewer than two classes, fewer rows than folds.
@@ -72,7 +97,16 @@ def search(
 
 
 def train(X: Points, y: Array, C: float, gamma: float) -> Any:
-    """The scikit-learn SVC of all rows.
+    """The SVM of all rows.
+
+    Args:
+        X: (N, F) float32 features.
+        y: (N,) classes.
+        C: of the SVM.
+        gamma: of its RBF kernel.
+
+    Returns:
+        A scikit-learn SVC.
 
     Raises:
         BoxgraspError: fewer than two classes.
@@ -87,8 +121,22 @@ def one_vs_rest_accuracy(
 ) -> float:
     """Cross-validated accuracy of one SVM a class, each against the rest; the surest one wins.
 
-    The thesis's text says one against the rest, LIBSVM does one against one; same folds as
-    `search`.
+    The thesis's text says one against the rest, LIBSVM does one against one.
+
+    Args:
+        X: (N, F) float32 features.
+        y: (N,) classes.
+        C: of the SVMs.
+        gamma: of their RBF kernels.
+        folds: as `search` takes it.
+        seed: as `search` takes it.
+
+    Returns:
+        The mean over the folds, 0 to 1.
+
+    Raises:
+        BoxgraspError: fewer than two classes, fewer rows than folds.
+        MissingExtraError: scikit-learn is not installed.
     """
     distances, fold = squared_distances(X), folds_of(y, folds, seed)
     kernel = np.exp(-gamma * distances)
@@ -97,18 +145,26 @@ def one_vs_rest_accuracy(
         seen, asked = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         known = np.unique(y[seen])
         surest = np.zeros((len(asked), len(known)))
-        for column, label in enumerate(known if len(known) > 1 else ()):
-            svc = _precomputed(C).fit(kernel[np.ix_(seen, seen)], y[seen] == label)
+        for column, one in enumerate(known if len(known) > 1 else ()):
+            svc = _precomputed(C).fit(kernel[np.ix_(seen, seen)], y[seen] == one)
             surest[:, column] = svc.decision_function(kernel[np.ix_(asked, seen)])
         scores.append(float(np.mean(known[surest.argmax(axis=1)] == y[asked])))
     return float(np.mean(scores))
 
 
 def folds_of(y: Array, folds: int, seed: int) -> NDArray[np.int64]:
-    """(N,) fold of each row: shuffled, every class spread evenly, fold sizes within one.
+    """The fold of each row: shuffled, every class spread evenly, fold sizes within one.
 
     A class with fewer rows than folds is in that many folds alone; where it has one row, that row
     is asked of a model that never saw its class, and counts as an error.
+
+    Args:
+        y: (N,) classes.
+        folds: how many.
+        seed: of the shuffling.
+
+    Returns:
+        (N,) int64 from 0.
 
     Raises:
         BoxgraspError: fewer than two classes, fewer rows than folds.
@@ -125,7 +181,14 @@ def folds_of(y: Array, folds: int, seed: int) -> NDArray[np.int64]:
 
 
 def squared_distances(X: Points) -> Floats:
-    """(N, N) between all rows, float64."""
+    """Squared distances between all rows.
+
+    Args:
+        X: (N, F).
+
+    Returns:
+        (N, N) float64.
+    """
     rows = np.asarray(X, dtype=np.float64)
     norms = (rows * rows).sum(axis=1)
     squared = norms[:, None] + norms[None, :] - 2.0 * (rows @ rows.T)
@@ -135,7 +198,18 @@ def squared_distances(X: Points) -> Floats:
 def grid(
     distances: Floats, y: Array, fold: Array, costs: Sequence[float], gammas: Sequence[float]
 ) -> Grid:
-    """Accuracies of all pairs."""
+    """Accuracies of all pairs.
+
+    Args:
+        distances: (N, N) of `squared_distances`.
+        y: (N,) classes.
+        fold: (N,) of `folds_of`.
+        costs: values of C.
+        gammas: values of gamma.
+
+    Returns:
+        The grid.
+    """
     columns = [accuracies(distances, y, fold, gamma, costs) for gamma in gammas]
     return Grid(tuple(costs), tuple(gammas), np.array(columns))
 
@@ -143,9 +217,17 @@ def grid(
 def accuracies(
     distances: Floats, y: Array, fold: Array, gamma: float, costs: Sequence[float]
 ) -> Floats:
-    """(len(costs),) mean accuracy over the folds of one gamma; a task of its own.
+    """Mean accuracies over the folds, of one gamma.
 
-    distances: (N, N) of `squared_distances`; fold: (N,) of `folds_of`.
+    Args:
+        distances: (N, N) of `squared_distances`.
+        y: (N,) classes.
+        fold: (N,) of `folds_of`.
+        gamma: of the RBF kernel.
+        costs: values of C.
+
+    Returns:
+        (len(costs),) float64, 0 to 1.
     """
     kernel = np.exp(-gamma * distances)
     scores = []
@@ -161,10 +243,16 @@ def accuracies(
 
 
 def chosen(*grids: Grid) -> tuple[float, float, float]:
-    """(C, gamma, accuracy) by the thesis's rule: high accuracy, then the larger gamma (4-1).
+    """The choice by the thesis's rule: high accuracy, then the larger gamma (4-1).
 
     Of the pairs within `AS_GOOD` of the best accuracy the largest gamma, then the more accurate,
     then the smaller C.
+
+    Args:
+        grids: one or more.
+
+    Returns:
+        C, gamma, accuracy.
     """
     pairs = [
         (float(accuracy), gamma, C)

@@ -20,29 +20,33 @@ from boxgrasp.arrays import Array
 from boxgrasp.errors import ConfigError, MissingExtraError
 from boxgrasp.execution import Store, Workers, finish
 from boxgrasp.io.npz import KEYS
+from boxgrasp.ranking.model_set import SAMPLINGS
 from boxgrasp.simulate.objects import load_objects
 from boxgrasp.strict import build, plain
 from boxgrasp.teaching.rows import (
-    NUMBERS,
-    SAMPLINGS,
+    CHECK_FLAGS,
+    CHECK_VALUES,
     TRUTHS,
     Row,
     RowConfig,
     row_of,
-    sample_points,
     scenario_of_row,
 )
+from boxgrasp.teaching.samples import sample_points
 from boxgrasp.version import __version__
 
 PART_ROWS = 40
-FLAGS = ("fits", "known")
 
 
 @dataclass(frozen=True)
 class SetConfig:
-    """A set's rows, how many there are, and the version that made them.
+    """What a set is made of.
 
-    objects_sha256: of the object set as it is read now, so that a set is never made of two.
+    Attributes:
+        rows: how its rows are made.
+        count: how many.
+        version: of the package that makes them.
+        objects_sha256: of the object set as it is read now, so that a set is never made of two.
 
     Raises:
         ConfigError: no rows.
@@ -63,7 +67,11 @@ class SetConfig:
 
 @dataclass(frozen=True, eq=False)
 class Rows(Mapping[str, Array]):
-    """Columns by name, (N, ...) arrays; what a target_source could not tell is NaN, False or 0."""
+    """Rows of a set, column by column; what has no answer is NaN, False, 0 or an empty text.
+
+    Attributes:
+        columns: (N, ...) arrays by name.
+    """
 
     columns: Mapping[str, Array]
 
@@ -82,15 +90,32 @@ class Rows(Mapping[str, Array]):
         return len(self.columns["number"])
 
     def take(self, which: Array) -> Rows:
-        """The rows of a mask or of indices."""
+        """Some of the rows.
+
+        Args:
+            which: (N,) bool, or indices.
+
+        Returns:
+            Those.
+        """
         return Rows({name: column[which] for name, column in self.columns.items()})
 
 
-def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, label: str) -> None:
+def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, title: str) -> None:
     """Write what the set still lacks; finished parts are not made again.
+
+    Args:
+        store: where to.
+        prefix: of the names there.
+        config: what the set is made of.
+        workers: who makes it.
+        title: what progress is shown under; nothing is shown where it is empty.
 
     Raises:
         ConfigError: the place holds a set that was made otherwise.
+        SceneError: a scenario that cannot be drawn.
+        StoreError: the place cannot be read or written.
+        WorkError: workers were lost.
     """
     claim(store, prefix, "set.json", config, "a set")
     tasks = {
@@ -99,31 +124,58 @@ def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, lab
         )
         for first in range(0, config.count, PART_ROWS)
     }  # fmt: skip
-    finish(store, tasks, part, workers, label)
+    finish(store, tasks, part, workers, title)
 
 
 def keep_captures(
-    store: Store, prefix: str, config: SetConfig, workers: Workers, label: str
+    store: Store, prefix: str, config: SetConfig, workers: Workers, title: str
 ) -> None:
-    """Write every row's capture that is not there yet, as `capture-000000.npz`."""
+    """Write every row's capture that is not there yet, as `capture-000000.npz`.
+
+    Args:
+        store: as `make_set`.
+        prefix: as `make_set`.
+        config: as `make_set`.
+        workers: as `make_set`.
+        title: as `make_set`.
+
+    Raises:
+        StoreError: the place cannot be read or written.
+        WorkError: workers were lost.
+    """
     tasks = {f"{prefix}capture-{k:06d}.npz": (config.rows, k) for k in range(config.count)}
-    finish(store, tasks, capture_bytes, workers, label)
+    finish(store, tasks, capture_bytes, workers, title)
 
 
 def capture_bytes(task: tuple[RowConfig, int]) -> bytes:
-    """A row's capture as the .npz that `load_capture` reads; `labels` are the true objects."""
+    """A row's capture; a task of its own.
+
+    Args:
+        task: how rows are made, and the row's number.
+
+    Returns:
+        A .npz that `load_capture` reads; `object_ids` (H, W) int16 in it is the true object of
+        each pixel.
+    """
     config, number = task
     scenario, run = scenario_of_row(config, number // config.runs), number % config.runs
-    capture, labels = scenario.capture(config.recipe.noise, run * config.frames)
+    capture, object_ids = scenario.capture(config.recipe.noise, run * config.frames)
     out = io.BytesIO()
     arrays = {name: getattr(capture, name) for name in KEYS}
     held = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-    np.savez_compressed(out, labels=labels.astype(np.int16), **held)  # type: ignore[arg-type]
+    np.savez_compressed(out, object_ids=object_ids.astype(np.int16), **held)  # type: ignore[arg-type]
     return out.getvalue()
 
 
 def part(task: tuple[RowConfig, Sequence[int]]) -> bytes:
-    """One part of a set as Parquet."""
+    """One part of a set; a task of its own.
+
+    Args:
+        task: how rows are made, and the rows' numbers.
+
+    Returns:
+        Parquet.
+    """
     config, numbers = task
     return to_parquet([row_of(config, number) for number in numbers], config)
 
@@ -131,8 +183,17 @@ def part(task: tuple[RowConfig, Sequence[int]]) -> bytes:
 def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
     """A finished set.
 
+    Args:
+        store: where it is.
+        prefix: of its names there.
+
+    Returns:
+        What it is made of, and its rows.
+
     Raises:
         ConfigError: there is none, or parts or rows of it are missing.
+        StoreError: the place cannot be read.
+        MissingExtraError: pyarrow is not installed.
     """
     if not store.exists(f"{prefix}set.json"):
         raise ConfigError(f"no set at {store}/{prefix}; valid: what `boxgrasp simulate` wrote")
@@ -154,12 +215,30 @@ def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Rows one after the other."""
+    """Rows one after the other.
+
+    Args:
+        parts: each with the columns of the first.
+
+    Returns:
+        All of them.
+    """
     return Rows({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
 
 
 def to_parquet(rows: Sequence[Row], config: RowConfig) -> bytes:
-    """Rows as one Parquet file, columns and types by `schema`."""
+    """Rows as one Parquet file.
+
+    Args:
+        rows: values by column; what is not there is null.
+        config: how they were made.
+
+    Returns:
+        The file, columns and types by `schema`.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
     pa, pq = _arrow()
     table = pa.table(
         {field.name: _column(pa, field, rows) for field in schema(config)}, schema=schema(config)
@@ -172,8 +251,15 @@ def to_parquet(rows: Sequence[Row], config: RowConfig) -> bytes:
 def from_parquet(data: bytes) -> Rows:
     """The rows of one Parquet file.
 
+    Args:
+        data: the file.
+
+    Returns:
+        The rows; null is NaN, False, 0 or an empty text.
+
     Raises:
         ConfigError: it is none.
+        MissingExtraError: pyarrow is not installed.
     """
     pa, pq = _arrow()
     try:
@@ -184,7 +270,17 @@ def from_parquet(data: bytes) -> Rows:
 
 
 def schema(config: RowConfig) -> Any:
-    """Arrow schema of a set's rows."""
+    """The columns of a set's rows.
+
+    Args:
+        config: how they are made.
+
+    Returns:
+        An Arrow schema.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
     pa, _ = _arrow()
     candidates = 5 * config.lines
     meters = pa.list_(pa.float64(), candidates)
@@ -203,28 +299,37 @@ def schema(config: RowConfig) -> Any:
         ("label", pa.int64()),
         ("label_source", pa.string()),
     ]
-    for target_source in config.target_sources:
+    for source in config.target_sources:
         fields += [
-            (f"{target_source}_error", pa.string()),
-            (f"{target_source}_box", pa.list_(pa.float64(), 4)),
-            (f"{target_source}_dimensions_m", pa.list_(pa.float64(), 3)),
-            (f"{target_source}_passes", flags),
-            (f"{target_source}_visible_m", meters),
-            *((f"{target_source}_{name}", flags if name in FLAGS else meters) for name in NUMBERS),
-            *((f"{target_source}_true_{n}", flags if n == "fits" else meters) for n in TRUTHS),
+            (f"{source}_error", pa.string()),
+            (f"{source}_box", pa.list_(pa.float64(), 4)),
+            (f"{source}_dimensions_m", pa.list_(pa.float64(), 3)),
+            (f"{source}_passes", flags),
+            (f"{source}_thesis_clearance_m", meters),
+            *((f"{source}_{name}", meters) for name in CHECK_VALUES),
+            *((f"{source}_{name}", flags) for name in CHECK_FLAGS),
+            *((f"{source}_true_{name}", flags if name == "fits" else meters) for name in TRUTHS),
         ]
         for name in SAMPLINGS:
             whole, portions = sample_points(name)
-            fields.append((f"{target_source}_{name}", pa.list_(pa.uint8(), len(whole))))
-            fields.append((f"{target_source}_{name}_portions", pa.list_(pa.uint8(), len(portions))))
+            fields.append((f"{source}_{name}", pa.list_(pa.uint8(), len(whole))))
+            fields.append((f"{source}_{name}_portions", pa.list_(pa.uint8(), len(portions))))
     return pa.schema(fields)
 
 
 def claim(store: Store, prefix: str, name: str, settings: Any, what: str) -> None:
     """Keep the settings beside what is made with them, so that nothing is mixed in later.
 
+    Args:
+        store: where to.
+        prefix: of the names there.
+        name: of the settings' file.
+        settings: a dataclass, or plain values.
+        what: what is made with them, in words.
+
     Raises:
         ConfigError: the place holds other settings.
+        StoreError: the place cannot be read or written.
     """
     mine = json.loads(json.dumps(plain(settings)))
     if store.exists(prefix + name):

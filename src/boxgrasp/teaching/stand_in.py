@@ -2,9 +2,9 @@
 
 It sees the visible cloud and the box, never the truth. It likes front and top-parallel, since
 elsewhere a finger goes to a side that faces away from the camera; it likes central lines; it
-takes what looks free, by an eye that errs a little; it never asks the fingers to open wider than
-they can (thesis 3-3-1, 5-1). Its few numbers were set so that its choices match what the thesis's
-text keeps of figures 4-1 and 4-2, on scenes that no result is reported on.
+takes what looks free, judging distances with a small error; it never asks the fingers to open
+wider than they can (thesis 3-3-1, 5-1). Its few numbers were set so that its choices match what
+the thesis's text keeps of figures 4-1 and 4-2, on scenes that no result is reported on.
 """
 
 from __future__ import annotations
@@ -22,23 +22,34 @@ SOURCE = "stand-in"
 
 @dataclass(frozen=True)
 class StandIn:
-    """Its habits; liking is counted in meters of room that it is metrics.
+    """Its habits; liking is counted in meters of clearance that it makes up for.
 
-    face_m: liking of left, front, right, top-parallel, top-perpendicular. off_center_m: what the
-    outermost lines cost. enough_m: room beyond which more is no better. camera_position_m: standard deviation
-    of its judgment of room; mood_m: of its liking. into_table_m: how far under the table's top a
-    hand would have to be for it to see that.
+    Attributes:
+        face_m: liking of left, front, right, top-parallel, top-perpendicular, m.
+        off_center_m: what the outermost lines cost, m.
+        enough_m: clearance beyond which more is no better, m.
+        judgment_sigma_m: standard deviation of its judgment of clearance, m.
+        mood_sigma_m: standard deviation of its liking, m.
+        into_table_m: how far under the table's top a hand would have to be for it to see that, m.
     """
 
     face_m: tuple[float, float, float, float, float] = (0.0, 0.042, 0.0, 0.035, 0.02)
     off_center_m: float = 0.015
     enough_m: float = 0.12
-    camera_position_m: float = 0.003
-    mood_m: float = 0.002
+    judgment_sigma_m: float = 0.003
+    mood_sigma_m: float = 0.002
     into_table_m: float = 0.01
 
     def label(self, shown: Shown, rng: np.random.Generator) -> Label:
-        """The candidate that it likes best; None where nothing goes between the fingers."""
+        """The candidate that it likes best.
+
+        Args:
+            shown: the scene.
+            rng: draws its errors and moods.
+
+        Returns:
+            A label, None where nothing goes between the fingers.
+        """
         candidates = shown.candidates
         fits = candidates.width_m <= shown.gripper.max_opening_m
         if not fits.any():
@@ -47,16 +58,23 @@ class StandIn:
         return Label(int(candidates.label[best]), SOURCE)
 
     def liking(self, shown: Shown, rng: np.random.Generator) -> Floats:
-        """(M,) m, how much it likes each candidate."""
+        """How much it likes each candidate.
+
+        Args:
+            shown: the scene.
+            rng: draws its errors and moods.
+
+        Returns:
+            (M,) float64, m.
+        """
         candidates = shown.candidates
         hands = hand_distance.uprights(candidates.T_base_gripper, shown.gripper.half_m)
-        room = hand_distance.to_points(hands, shown.points)[0]
-        room = np.minimum(
-            room + self.camera_position_m * rng.standard_normal(len(room)), self.enough_m
-        )
-        low = hands[:, 6] - shown.table_m < -self.into_table_m
+        clearance_m = hand_distance.to_points(hands, shown.points)[0]
+        error_m = self.judgment_sigma_m * rng.standard_normal(len(clearance_m))
+        clearance_m = np.minimum(clearance_m + error_m, self.enough_m)
+        low = hands[:, 6] - shown.table_height_m < -self.into_table_m
         middle = (candidates.lines + 1) / 2
         off_center = np.abs(candidates.line - middle) / max(middle - 1.0, 1.0)
         habit = np.array(self.face_m)[candidates.face - 1] - self.off_center_m * off_center
-        mood = self.mood_m * rng.standard_normal(len(room))
-        return np.asarray(habit + mood + np.where(low, -self.enough_m, room))
+        mood = self.mood_sigma_m * rng.standard_normal(len(clearance_m))
+        return np.asarray(habit + mood + np.where(low, -self.enough_m, clearance_m))

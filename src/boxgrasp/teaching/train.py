@@ -8,79 +8,60 @@ import json
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from boxgrasp.arrays import Array, Points
 from boxgrasp.errors import ConfigError
 from boxgrasp.execution import Store, Workers, finish
-from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
+from boxgrasp.grasps.candidates import LINES
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.ranking.features import FeatureSchema, line_schema, single_schema
-from boxgrasp.ranking.onnx.record import Record, model_name
-from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
+from boxgrasp.ranking.features import line_features, single_features
+from boxgrasp.ranking.model_set import SVMS, SampledScenes, Svm
+from boxgrasp.ranking.onnx.record import Record
+from boxgrasp.ranking.sampling import RESOLUTION_M, is_side
 from boxgrasp.strict import plain
 from boxgrasp.teaching.export import to_onnx
-from boxgrasp.teaching.matrices import largest_edge_m, line_examples, single_matrix
+from boxgrasp.teaching.samples import largest_edge_m, sampled_scenes
 from boxgrasp.teaching.search import Grid, Search, one_vs_rest_accuracy, search, train
 from boxgrasp.teaching.sets import Rows, SetConfig, claim
 from boxgrasp.version import __version__
 
-SAMPLINGS = ("spiral", "grid")
-Part = Literal["single", "face", "side", "top"]
-PARTS: tuple[Part, ...] = ("single", "face", "side", "top")
-
-
-@dataclass(frozen=True)
-class Svm:
-    """One of the eight: number as in figure B-4, what it samples, what it decides."""
-
-    number: int
-    sampling: str
-    part: Part
-
-    @property
-    def version(self) -> str:
-        """The algorithm version it belongs to (table 3-3)."""
-        return f"{'single' if self.part == 'single' else 'cascade'}-{self.sampling}"
-
-    @property
-    def name(self) -> str:
-        """Its file's name without the ending."""
-        return model_name(self.version, self.part)
-
-    @property
-    def schema(self) -> FeatureSchema:
-        """What its features are."""
-        points = sampling(self.sampling)
-        if self.part in ("single", "face"):
-            return single_schema(points)
-        return line_schema(points, LEFT if self.part == "side" else TOP_PARALLEL)
-
-
-SVMS = tuple(
-    Svm(2 * step + k + 1, name, part)
-    for step, part in enumerate(PARTS)
-    for k, name in enumerate(SAMPLINGS)
-)
-
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a training set comes from, for the record."""
+    """Where a training set comes from, for the record.
+
+    Attributes:
+        object_set: objects and targets.
+        seeds: of the set.
+        label_source: who labeled.
+        gripper: the hand.
+        lines: l, lines a face.
+    """
 
     object_set: str
     seeds: tuple[int, ...]
     label_source: str
     gripper: Gripper
-    lines: int = 3
+    lines: int = LINES
 
 
 def examples(
     rows: Mapping[str, Array], svm: Svm, lines: int, edge_m: float | None
 ) -> tuple[Points, Array]:
-    """X (N, F) and y (N,) of one SVM from labeled rows, seen as given.
+    """What one SVM learns from labeled rows, their target's points given.
+
+    Args:
+        rows: columns by name.
+        svm: which one.
+        lines: l, lines a face.
+        edge_m: what box dimensions are divided by, m; None for each box's own.
+
+    Returns:
+        (N, F) float32 features and (N,) int64 classes: of all rows, or of those whose labeled
+        face is the part's.
 
     Raises:
         ConfigError: fewer than two classes, or rows without a label.
@@ -89,23 +70,48 @@ def examples(
     if len(label) == 0 or label.min() < 1:
         raise ConfigError("rows without a label; valid: a set whose every row is labeled")
     face, line = (label - 1) // lines + 1, (label - 1) % lines + 1
-    if svm.part in ("single", "face"):
-        X = single_matrix(rows, "given", svm.sampling, edge_m)
-        y = label if svm.part == "single" else face
-    else:
-        X, which = line_examples(rows, "given", svm.sampling, edge_m, face, svm.part)
-        y = line[which]
+    which = _taught_by(svm, face)
+    y = {"single": label, "face": face}.get(svm.part, line)[which]
     if len(np.unique(y)) < 2:
         raise ConfigError(
             f"{svm.name}: {len(y)} examples of {len(np.unique(y))} class; valid: at least two "
             "classes (more labels)"
         )
-    return X, y
+    scenes = sampled_scenes(rows, "given", svm.sampling)
+    if svm.part in ("single", "face"):
+        return single_features(scenes.whole, scenes.dimensions_m, edge_m), y
+    return _line_examples(scenes, face, which, edge_m), y
+
+
+def _taught_by(svm: Svm, face: Array) -> Array:
+    """(N,) indices of the rows that an SVM learns from; face: of each row's label."""
+    if svm.part in ("single", "face"):
+        return np.arange(len(face))
+    return np.flatnonzero([is_side(k) == (svm.part == "side") for k in face.tolist()])
+
+
+def _line_examples(
+    scenes: SampledScenes, face: Array, which: Array, edge_m: float | None
+) -> Points:
+    """(N, F) features of some scenes, each on its own face."""
+    seen = {
+        k: line_features(scenes.portions[k], scenes.dimensions_m, k, edge_m)
+        for k in np.unique(face[which]).tolist()
+    }
+    return np.array([seen[face[k]][k] for k in which])
 
 
 @dataclass(frozen=True)
 class Trained:
-    """One trained SVM: what the search found, and the file."""
+    """One trained SVM.
+
+    Attributes:
+        svm: which one.
+        search: what the search found.
+        record: how it was made.
+        one_vs_rest: cross-validated accuracy of one class against the rest.
+        onnx: the file.
+    """
 
     svm: Svm
     search: Search
@@ -120,7 +126,21 @@ def train_svm(
     provenance: Provenance,
     seed: int = 0,
 ) -> Trained:
-    """Search, train and export one of the eight."""
+    """Search, train and export one of the eight.
+
+    Args:
+        rows: columns by name, labeled.
+        svm: which one.
+        provenance: for the record.
+        seed: of the folds.
+
+    Returns:
+        The SVM and its file.
+
+    Raises:
+        ConfigError: fewer than two classes, or rows without a label.
+        MissingExtraError: scikit-learn or onnx is not installed.
+    """
     edge = largest_edge_m(rows)
     X, y = examples(rows, svm, provenance.lines, edge)
     found = search(X, y, seed=seed)
@@ -154,7 +174,17 @@ def train_svm(
 def training_tasks(
     made: SetConfig, rows: Mapping[str, Array], prefix: str, seed: int
 ) -> dict[str, tuple[dict[str, Array], Svm, Provenance, int]]:
-    """The task of each of the eight by the name of its result."""
+    """The task of each of the eight.
+
+    Args:
+        made: what the training set is made of.
+        rows: its columns by name.
+        prefix: of the results' names.
+        seed: of the folds.
+
+    Returns:
+        Arguments of `train_svm` by the name of the task's result.
+    """
     recipe = made.rows.recipe
     provenance = Provenance(
         object_set=f"{recipe.objects}: {', '.join(recipe.targets)}",
@@ -179,7 +209,14 @@ def training_tasks(
 
 
 def trained_json(task: tuple[dict[str, Array], Svm, Provenance, int]) -> bytes:
-    """One SVM trained, with its search's heat map and its file, as JSON."""
+    """One SVM trained; a task of its own.
+
+    Args:
+        task: arguments of `train_svm`.
+
+    Returns:
+        Record, the search's heat map and the file, as JSON.
+    """
     done = train_svm(*task)
     kept = {
         "record": plain(done.record),
@@ -203,10 +240,23 @@ def _grid(grid: Grid) -> dict[str, Any]:
 def train_svms(
     store: Store, prefix: str, labeled: tuple[SetConfig, Rows], workers: Workers, seed: int = 0
 ) -> list[dict[str, Any]]:
-    """Train what is not there yet of the eight, write their files, give what is kept of each.
+    """Train what is not there yet of the eight, and write their files.
+
+    Args:
+        store: where to.
+        prefix: of the names there.
+        labeled: a set.
+        workers: who trains.
+        seed: of the folds.
+
+    Returns:
+        What `trained_json` made of each, in the order of `SVMS`.
 
     Raises:
         ConfigError: rows that cannot teach, a negative seed, or a place with models made otherwise.
+        StoreError: the place cannot be read or written.
+        WorkError: workers were lost.
+        MissingExtraError: scikit-learn or onnx is not installed.
     """
     if seed < 0:
         raise ConfigError(f"seed is {seed}; valid: 0 or more")
@@ -227,7 +277,11 @@ def train_svms(
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a model was made with."""
+    """Versions of what a model is made with.
+
+    Returns:
+        By name.
+    """
     from importlib.metadata import version
 
     names = ("numpy", "scikit-learn", "onnx")

@@ -32,14 +32,25 @@ _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 
 @dataclass(frozen=True)
 class OnnxFile:
-    """metadata: the file's own key and value pairs; graph: its graph as it is stored."""
+    """The parts of an ONNX file that a record stands in.
+
+    Attributes:
+        metadata: the file's own key and value pairs.
+        graph: its graph as it is stored.
+    """
 
     metadata: dict[str, bytes]
     graph: bytes
 
 
 def parse(data: bytes) -> OnnxFile:
-    """The parts of an ONNX file that a record stands in.
+    """Take an ONNX file apart.
+
+    Args:
+        data: its bytes.
+
+    Returns:
+        Metadata and graph.
 
     Raises:
         ModelError: not an ONNX file.
@@ -62,6 +73,9 @@ def parse(data: bytes) -> OnnxFile:
 
 def validate_plain(data: bytes) -> None:
     """Refuse whatever is more than arithmetic on numbers that are in the file.
+
+    Args:
+        data: the bytes of an ONNX file.
 
     Raises:
         ModelError: external data, foreign operators, functions, branches, anything unknown.

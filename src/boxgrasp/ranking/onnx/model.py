@@ -14,17 +14,11 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import MissingExtraError, ModelError
+from boxgrasp.grasps.candidates import label_of
 from boxgrasp.ranking.onnx import guard
-from boxgrasp.ranking.onnx.record import (
-    FORMAT,
-    Record,
-    from_json,
-    model_name,
-    to_json,
-    validate_fits,
-)
+from boxgrasp.ranking.onnx.record import Record, from_json
 
-Labels = NDArray[np.int64]
+Classes = NDArray[np.int64]
 
 # Keys of the ONNX file's metadata: the record, and the digest of graph and record.
 RECORD_KEY, DIGEST_KEY = "boxgrasp", "boxgrasp_sha256"
@@ -36,21 +30,31 @@ _DECIMALS = 9  # of a decision value that count in an order: the rest differs be
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A loaded model; safe from several threads."""
+    """A loaded model; safe from several threads.
+
+    Attributes:
+        record: how it was made and what it needs.
+    """
 
     record: Record
     _session: Any
 
     @property
     def classes(self) -> tuple[int, ...]:
-        """Classes as trained."""
+        """Classes as trained, rising."""
         return self.record.classes
 
-    def decide(self, X: NDArray[np.float32]) -> tuple[Labels, Floats]:
-        """(N,) prediction and (N, K) decision values in the order of `classes`, of (N, F) rows.
+    def decide(self, X: NDArray[np.float32]) -> tuple[Classes, Floats]:
+        """What the model predicts.
 
         The prediction is LIBSVM's vote. Decision values are scikit-learn's: how many of the
         one-against-one contests a class won, moved by less than half a vote by its margins.
+
+        Args:
+            X: (N, F) float32 rows of features.
+
+        Returns:
+            (N,) int64 predictions, and (N, K) float64 decision values in the order of `classes`.
 
         Raises:
             ModelError: rows of another length than the model's features.
@@ -61,21 +65,27 @@ class Model:
                 f"features have shape {X.shape}; {self.record.name} takes "
                 f"(N, {len(self.record.features)})"
             )
-        label = np.empty(len(X), dtype=np.int64)
+        predicted = np.empty(len(X), dtype=np.int64)
         decision = np.empty((len(X), len(self.classes)))
         for k in range(0, len(X), _ROWS):
             rows = slice(k, k + _ROWS)
-            label[rows], decision[rows] = self._session.run(
+            predicted[rows], decision[rows] = self._session.run(
                 ["label", "decision"], {"features": X[rows]}
             )
-        return label, decision
+        return predicted, decision
 
 
 def load_model(source: bytes | str | PathLike[str]) -> Model:
-    """The model of a file, or of a file's bytes. Runs no code of it and opens no other file.
+    """A trained model. Runs no code of the file and opens no other one.
+
+    Args:
+        source: an ONNX file's path, or its bytes.
+
+    Returns:
+        The model.
 
     Raises:
-        ModelError: unreadable, damaged, no record, a later format, more than plain arithmetic.
+        ModelError: unreadable, damaged, no record, another format, more than plain arithmetic.
         MissingExtraError: onnxruntime is not installed.
     """
     if isinstance(source, bytes):
@@ -93,7 +103,15 @@ def load_model(source: bytes | str | PathLike[str]) -> Model:
 
 
 def digest(graph: bytes, record: bytes) -> str:
-    """SHA-256 of a graph and its record, hexadecimal: tells damage, not intent."""
+    """What tells that a file is damaged; it does not tell intent.
+
+    Args:
+        graph: as it is stored.
+        record: as it is stored.
+
+    Returns:
+        SHA-256 of both, hexadecimal.
+    """
     return hashlib.sha256(hashlib.sha256(graph).digest() + record).hexdigest()
 
 
@@ -108,13 +126,14 @@ def _load(data: bytes) -> Model:
     guard.validate_plain(data)
     model = Model(record, _session(data))
     try:
-        label, decision = model._session.run(
+        predicted, decision = model._session.run(
             ["label", "decision"],
             {"features": np.zeros((2, len(record.features)), dtype=np.float32)},
         )
     except Exception:  # onnxruntime's own errors share no other root
         raise ModelError("the graph does not run as its record says") from None
-    fine = label.dtype == np.int64 and label.shape == (2,) and np.isin(label, record.classes).all()
+    known = np.isin(predicted, record.classes).all()
+    fine = predicted.dtype == np.int64 and predicted.shape == (2,) and known
     if not fine or decision.dtype != np.float64 or decision.shape != (2, len(record.classes)):
         raise ModelError("the graph does not answer as its record says")
     return model
@@ -139,40 +158,40 @@ def _session(data: bytes) -> Any:
 
 
 def ranked(
-    label: Labels, decision: Floats, classes: Sequence[int], wanted: Sequence[int]
-) -> Labels:
-    """(N, M) all M `wanted` labels for each row, best first.
+    predicted: Classes, decision: Floats, classes: Sequence[int], wanted: Sequence[int]
+) -> Classes:
+    """Every wanted class, best first.
 
-    First the prediction (N,), then by decision value (N, K) of `classes`, ties by the lower label;
-    labels never seen in training last, in their order.
+    First the prediction, then by decision value, ties by the lower class; classes never seen in
+    training last, in their order.
+
+    Args:
+        predicted: (N,) int64.
+        decision: (N, K) float64 decision values of `classes`.
+        classes: the K classes seen in training.
+        wanted: the M classes that there are.
+
+    Returns:
+        (N, M) int64.
     """
     every = np.array(sorted(wanted), dtype=np.int64)
-    scores = np.full((len(label), len(every)), -np.inf)
+    scores = np.full((len(predicted), len(every)), -np.inf)
     for k, known in enumerate(classes):
         scores[:, every == known] = np.round(decision[:, k : k + 1], _DECIMALS)
-    scores[every == np.asarray(label)[:, None]] = np.inf
+    scores[every == np.asarray(predicted)[:, None]] = np.inf
     return np.asarray(every[np.argsort(-scores, axis=1, kind="stable")])
 
 
-def cascaded(faces: Labels, lines: Labels) -> Labels:
-    """(N, 5 l) candidate labels from faces (N, 5), best first, and lines (N, 5, l) of faces 1 to 5."""
+def cascaded(faces: Classes, lines: Classes) -> Classes:
+    """Labels in the order of their faces, then of the lines on each.
+
+    Args:
+        faces: (N, 5) int64, best first.
+        lines: (N, 5, l) int64, lines of faces 1 to 5, best first.
+
+    Returns:
+        (N, 5 l) int64 labels, best first.
+    """
     chosen = np.take_along_axis(lines, (faces - 1)[:, :, None], axis=1)
     count = lines.shape[2]
-    return np.asarray(((faces - 1)[:, :, None] * count + chosen).reshape(len(faces), -1))
-
-
-__all__ = [
-    "DIGEST_KEY",
-    "FORMAT",
-    "RECORD_KEY",
-    "SHIPPED",
-    "Model",
-    "Record",
-    "cascaded",
-    "validate_fits",
-    "digest",
-    "load_model",
-    "model_name",
-    "ranked",
-    "to_json",
-]
+    return np.asarray(label_of(faces[:, :, None], chosen, count).reshape(len(faces), -1))

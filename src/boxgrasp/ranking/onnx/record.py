@@ -23,10 +23,27 @@ Count = Annotated[int, Meta(ge=1)]
 class Record:
     """How a model was made and what it needs.
 
-    version: the thesis's algorithm version, as `cascade-grid`; part: what it decides. features:
-    names of its features in order, schema_hash: theirs. largest_edge_m: what box dimensions are
-    divided by; None for each box's own. classes: candidates 1 to 5 l, faces 1 to 5 or lines 1 to l,
-    those seen in training. accuracy: of its cross-validation. versions: of the libraries.
+    Attributes:
+        version: the thesis's algorithm version, as `cascade-grid`.
+        part: what it decides.
+        sampling: `spiral` or `grid`.
+        resolution_m: cell size of the local map that it reads, m.
+        lines: l, lines a face.
+        largest_edge_m: what box dimensions are divided by, m; None for each box's own.
+        features: names of its features in order.
+        schema_hash: theirs.
+        classes: candidates 1 to 5 l, faces 1 to 5 or lines 1 to l, those seen in training.
+        gripper: the hand of its training.
+        object_set: objects and targets of its training.
+        seeds: of its training set.
+        label_source: who labeled.
+        versions: of the libraries.
+        C: of the SVM.
+        gamma: of its RBF kernel.
+        support_vectors: how many.
+        training_examples: how many.
+        accuracy: of its cross-validation, 0 to 1.
+        format: of the record.
 
     Raises:
         ModelError: values that contradict each other.
@@ -74,20 +91,41 @@ class Record:
 
 
 def model_name(version: str, part: str) -> str:
-    """A model file's name without `.onnx`: the version, and the part unless it is the only one."""
+    """A model file's name without `.onnx`: the version, and the part unless it is the only one.
+
+    Args:
+        version: as `Record.version`.
+        part: as `Record.part`.
+
+    Returns:
+        The name.
+    """
     return version if part == "single" else f"{version}-{part}"
 
 
 def to_json(record: Record) -> str:
-    """The record on one line, keys in order."""
+    """The record as it is stored.
+
+    Args:
+        record: any.
+
+    Returns:
+        JSON on one line, keys in order.
+    """
     return json.dumps(plain(record), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def from_json(text: bytes) -> Record:
     """The record of a file.
 
+    Args:
+        text: as it is stored.
+
+    Returns:
+        The record, every value validated.
+
     Raises:
-        ModelError: not a record, or one of a later format.
+        ModelError: not a record, or one of another format.
     """
     try:
         data: Any = json.loads(text.decode("utf-8"))
@@ -97,12 +135,18 @@ def from_json(text: bytes) -> Record:
         raise ModelError("the record is not a JSON object")
     found = data.get("format")
     if found != FORMAT or isinstance(found, bool):
-        raise ModelError(f"record format is {_short(found)}; valid: {FORMAT} (a newer boxgrasp?)")
+        raise ModelError(
+            f"record format is {_short(found)}; valid: {FORMAT} (a model trained by this version)"
+        )
     return build(Record, data, "record", ModelError)
 
 
 def validate_fits(record: Record, schema: FeatureSchema) -> None:
     """Refuse a model that was trained on other features than the code computes.
+
+    Args:
+        record: the model's.
+        schema: of the features that the code computes.
 
     Raises:
         ModelError: naming both schemas and the first feature that differs.
