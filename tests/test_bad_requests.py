@@ -41,7 +41,7 @@ def refused(error: type[BoxgraspError], act: Callable[[], object], word: str = "
 
 
 def bare_table() -> Capture:
-    solids = [p for p in SCENE.primitives if p.label <= 1]
+    solids = [p for p in SCENE.primitives if p.object_id <= 1]
     return Capture(
         cast(solids, SCENE.intrinsics, SCENE.T_base_camera).depth,
         SCENE.intrinsics,
@@ -164,7 +164,7 @@ def test_a_gripper_that_cannot_hold_anything(gripper: dict[str, float]) -> None:
         {"scene": {"voxel_m": 0.0}},
         {"scene": {"segmentation": "none"}},
         {"scene": {"workspace_m": [[0, 0, 0]]}},
-        {"checks": {"clearance_m": -1}},
+        {"checks": {"visible_clearance_m": -1}},
         {"candidates": {"lines": 0}},
         {"candidates": {"faces": []}},
         {"box": {"fit": "round"}},
