@@ -1,4 +1,4 @@
-"""The 5 l candidates and the gripper against poses written by hand and the simulator's own truth."""
+"""The 5 l candidates and the hand against poses written by hand and the simulator's own truth."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_turned_box_turns_its_candidates() -> None:
 
 
 def test_half_a_turn_about_the_approach_is_the_same_grasp() -> None:
-    """The check sees a box: turned about x by 180 degrees it measures the same everywhere."""
+    """Checks see a box: turned about x by 180 degrees it measures the same everywhere."""
     candidates = candidates_of(a_box(17.0), HAND)
     half_turn = candidates.T_base_gripper @ np.diag([1.0, -1.0, -1.0, 1.0])
     points = (np.random.default_rng(0).uniform((0.5, -0.3, 0.7), (1.3, 0.5, 1.3), (300, 3))).astype(
@@ -142,7 +142,7 @@ def test_default_gripper_is_the_thesis_one() -> None:
     np.testing.assert_allclose(HAND.half_m, (0.11, 0.085, 0.035))
 
 
-def test_standoff_follows_length_and_reach() -> None:
+def test_standoff_follows_length_and_insertion() -> None:
     hand = Gripper(length_m=0.16, insertion_depth_m=0.03)
     assert hand.standoff_m == pytest.approx(0.05)
     front = candidates_of(a_box(center=(0, 0, 0)), hand, 1).T_base_gripper[1]
