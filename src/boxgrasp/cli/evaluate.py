@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 
+from boxgrasp.cli import _arguments
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
@@ -19,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="target points given, or found by the package (default: found)",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="one JSON object a line a ranker")
+    _arguments.renamed(parser, "--sight", "--target")
 
 
 def run(args: argparse.Namespace) -> int:
