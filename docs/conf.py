@@ -1,6 +1,7 @@
 """Sphinx settings; `make docs` builds with warnings as errors."""
 
 import dataclasses
+import inspect
 import re
 import typing
 from pathlib import Path
@@ -24,22 +25,45 @@ autodoc_class_signature = "separated"
 html_theme = "furo"
 html_title = "boxgrasp"
 html_show_sphinx = False
+napoleon_numpy_docstring = False
+
+# Settings whose type says less than a reader needs.
+NAMED = {
+    "ranker": "a ranker's name",
+    "plugins": "a section a check",
+    "faces": "a list of faces' names",
+}
+
+
+def attributes_of(kind):
+    """What a class's docstring says of each attribute, and what it says before them."""
+    text = inspect.cleandoc(kind.__doc__ or "")
+    head, _, rest = text.partition("Attributes:\n")
+    entries = re.split(r"^    (\w+): ", rest.split("\n\n")[0], flags=re.M)[1:]
+    said = {
+        name: " ".join(words.split())
+        for name, words in zip(entries[::2], entries[1::2], strict=True)
+    }
+    return " ".join(head.split()), said
 
 
 def settings_of(kind, place=()):
     """A table of each section's settings, their defaults and ranges, from the code itself."""
     hints = typing.get_type_hints(kind, include_extras=True)
     default = kind()
+    head, said = attributes_of(kind)
     own = [f.name for f in dataclasses.fields(kind) if not dataclasses.is_dataclass(hints[f.name])]
     lines = [f"### `{'.'.join(place)}`" if place else "### At the top", ""]
     if place:
-        lines += [re.sub(r"\s+", " ", (kind.__doc__ or "").split("Raises:")[0]).strip(), ""]
-    lines += ["| setting | default | valid |", "|---|---|---|"]
+        lines += [head, ""]
+    lines += ["| setting | default | valid | meaning |", "|---|---|---|---|"]
     for name in own:
         value = getattr(default, name)
         value = "the fingertips" if name == "T_gripper_tcp" else value
         value = ", ".join(map(str, value)) if isinstance(value, tuple) else value
-        lines.append(f"| `{name}` | {value} | {describe(hints[name])} |")
+        value = "none" if value == {} else "null" if value is None else value
+        valid = NAMED.get(name) or describe(hints[name])
+        lines.append(f"| `{name}` | {value} | {valid} | {said.get(name, '')} |")
     lines.append("")
     for name, hint in hints.items():
         if dataclasses.is_dataclass(hint):
