@@ -14,7 +14,8 @@ from boxgrasp.errors import BoxgraspError, ConfigError, GripperError
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult
 from boxgrasp.kernels.uprights import filled_shares
-from boxgrasp.perception.scene import SceneConfig, find_scene
+from boxgrasp.perception.find_scene import find_scene
+from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.target import find_target
 from boxgrasp.result import Candidate
 from boxgrasp.simulate import TableScene, candidate_truth

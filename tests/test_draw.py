@@ -29,7 +29,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.perception.scene import SceneObject
+from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.result import BoxReport, Candidate, Selection
 
 TABLE_M = 0.80

@@ -16,7 +16,8 @@ from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.raycast import BOX
 from boxgrasp.kernels.solids import edge_to_solid
-from boxgrasp.perception.scene import SceneConfig, find_scene
+from boxgrasp.perception.find_scene import find_scene
+from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.simulate import Box as SolidBox
 from boxgrasp.simulate import box_clearance, candidate_truth, true_candidates
 from boxgrasp.simulate.distance import boxes_to_solids

@@ -16,7 +16,9 @@ from boxgrasp import Capture, GraspSelector, load_capture
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.perception.box_fit import BoxConfig, fit_box
-from boxgrasp.perception.scene import Scene, SceneConfig, find_scene
+from boxgrasp.perception.find_scene import find_scene
+from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.target import Target, find_target
 from boxgrasp.simulate import Plane, TableScene, build_scene, cast, draw_scene, to_capture
 
@@ -158,8 +160,8 @@ def test_listed_pixels_lie_on_their_objects() -> None:
     capture = seen(scene, 0)
     found = find_scene(capture, (), SceneConfig())
     for seen_object in listed:
-        by_pixel = find_target(found, capture, Target(pixel=seen_object.pixel)).own
-        by_number = find_target(found, capture, Target(object=seen_object.number)).own
+        by_pixel = find_target(found, capture, Target(pixel=seen_object.pixel)).target_mask
+        by_number = find_target(found, capture, Target(object=seen_object.number)).target_mask
         np.testing.assert_array_equal(by_pixel, by_number)
 
 
@@ -209,11 +211,11 @@ def wrong_boxes(segmentation: str, seeds: range) -> list[int]:
     for seed in seeds:
         scene = draw_scene(np.random.default_rng(seed), obstacles=4, area_m=0.32)
         capture, object_ids = to_capture(scene, np.random.default_rng(seed))
-        found = find_scene(capture, (), SceneConfig(segmentation=segmentation))  # type: ignore[arg-type]
+        found = find_scene(capture, (), SceneConfig(segmentation=segmentation))
         assert capture.target_pixel is not None
         truth = Target(mask=object_ids == scene.target_id)
         sizes = [
-            fit_box(found.points[find_target(found, capture, target).own], found.plane, 0.0,
+            fit_box(found.points[find_target(found, capture, target).target_mask], found.plane, 0.0,
                     BoxConfig(fit="aligned")).dimensions_m
             for target in (None, truth)
         ]  # fmt: skip
@@ -240,7 +242,8 @@ def test_near_and_far_bound_the_objects_but_not_the_obstacles() -> None:
     assert [o.distance_m for o in far.objects] == pytest.approx(distances[3:], abs=0.002)
     for bounded in (near, far):
         assert len(bounded.points) == pytest.approx(len(every.points), rel=0.01)
-        assert np.count_nonzero(bounded.labels == 0) > 300 + np.count_nonzero(every.labels == 0)
+        unnumbered = (np.count_nonzero(s.object_numbers == 0) for s in (bounded, every))
+        assert next(unnumbered) > 300 + next(unnumbered)
 
 
 def test_workspace_bounds_the_objects_but_not_the_obstacles() -> None:

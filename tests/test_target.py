@@ -10,7 +10,9 @@ from helpers import TABLE_M, item, laid, seen
 
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.errors import TargetError
-from boxgrasp.perception.scene import Scene, SceneConfig, find_scene
+from boxgrasp.perception.find_scene import find_scene
+from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.target import find_target
 from boxgrasp.simulate import to_capture
 
@@ -47,7 +49,7 @@ def true_label(points: np.ndarray) -> int:
 
 def chosen(target: Target | None, capture: Capture | None = None) -> int:
     scene = view()[1] if capture is None else find_scene(capture, (), SceneConfig())
-    own = find_target(scene, capture or view()[0], target).own
+    own = find_target(scene, capture or view()[0], target).target_mask
     assert own.dtype == bool and own.shape == (len(scene.points),) and own.any()
     return true_label(scene.points[own])
 
@@ -65,7 +67,7 @@ def test_by_pixel_point_mask_and_number(label: int) -> None:
     assert chosen(Target(mask=(label == OBJECT_IDS).astype(np.uint8) * 255)) == label
     middle = LAID.primitives[label].T_base_solid[:3, 3]  # type: ignore[union-attr]
     eye = LAID.T_base_camera[:3, 3]
-    own = scene.points[find_target(scene, capture, Target(mask=label == OBJECT_IDS)).own]
+    own = scene.points[find_target(scene, capture, Target(mask=label == OBJECT_IDS)).target_mask]
     nearest = own[np.argmin(np.linalg.norm(np.cross(own - eye, middle - eye), axis=1))]
     assert chosen(Target(point=tuple(nearest.tolist()))) == label
     assert chosen(Target(point=tuple((nearest + (0, 0, 0.02)).tolist()))) == label
@@ -83,7 +85,7 @@ def test_every_pixel_of_an_object_means_it() -> None:
         # The lowest rows of an object vanish in the table's noise.
         low = v > v.min() + 0.8 * np.ptp(v)
         for k in rng.choice(np.flatnonzero(~low), 30, replace=False):
-            own = find_target(scene, capture, Target(pixel=(int(u[k]), int(v[k])))).own
+            own = find_target(scene, capture, Target(pixel=(int(u[k]), int(v[k])))).target_mask
             assert true_label(scene.points[own]) == label
 
 
@@ -125,8 +127,8 @@ def test_a_mask_wins_over_the_segmentation() -> None:
     capture, scene = view()
     v, u = np.nonzero(OBJECT_IDS == TUBE)
     half = (OBJECT_IDS == TUBE) & (np.arange(OBJECT_IDS.shape[0])[:, None] < np.median(v))
-    own = find_target(scene, capture, Target(mask=half)).own
-    whole = find_target(scene, capture, Target(mask=OBJECT_IDS == TUBE)).own
+    own = find_target(scene, capture, Target(mask=half)).target_mask
+    whole = find_target(scene, capture, Target(mask=OBJECT_IDS == TUBE)).target_mask
     assert own.sum() < 0.7 * whole.sum()
     assert not (own & ~whole).any()
 
@@ -135,7 +137,7 @@ def test_a_mask_wins_over_the_segmentation() -> None:
     found = find_scene(pair_capture, (), SceneConfig())
     object_ids = pair.view().object_ids
     left, right, both = (
-        find_target(found, pair_capture, Target(mask=np.isin(object_ids, wanted))).own
+        find_target(found, pair_capture, Target(mask=np.isin(object_ids, wanted))).target_mask
         for wanted in ([2], [3], [2, 3])
     )
     assert np.ptp(found.points[left][:, 1]) < 0.066
@@ -148,11 +150,12 @@ def test_points_are_the_targets_or_in_its_way_but_a_masks_rim() -> None:
     capture, scene = view()
     for target in (None, Target(object=2), Target(pixel=middle_pixel(CAN))):
         found = find_target(scene, capture, target)
-        np.testing.assert_array_equal(found.others, ~found.own)
+        np.testing.assert_array_equal(found.obstacle_mask, ~found.target_mask)
     found = find_target(scene, capture, Target(mask=OBJECT_IDS == CAN))
-    assert not (found.own & found.others).any()
-    rim = scene.points[~(found.own | found.others)]
-    near = np.linalg.norm(rim[:, None] - scene.points[found.own][None, ::5], axis=2).min(axis=1)
+    assert not (found.target_mask & found.obstacle_mask).any()
+    rim = scene.points[~(found.target_mask | found.obstacle_mask)]
+    target = scene.points[found.target_mask][::5]
+    near = np.linalg.norm(rim[:, None] - target[None], axis=2).min(axis=1)
     assert near.max(initial=0.0) < 0.05
 
 
@@ -162,7 +165,7 @@ def test_a_masks_bleed_on_other_things_falls_off() -> None:
     bleed = mask.copy()
     bleed[v[:200], u[:200]] = True
     capture, scene = view()
-    own = find_target(scene, capture, Target(mask=bleed)).own
+    own = find_target(scene, capture, Target(mask=bleed)).target_mask
     assert true_label(scene.points[own]) == TUBE
     assert np.ptp(scene.points[own][:, 1]) < 0.09
 
@@ -173,9 +176,9 @@ def test_points_and_numbers_of_an_unorganized_cloud() -> None:
     cloud = Capture.from_cloud(points[::2])
     found = find_scene(cloud, (), SceneConfig())
     assert len(found.objects) == 3
-    own = find_target(found, cloud, Target(object=2)).own
+    own = find_target(found, cloud, Target(object=2)).target_mask
     again = tuple(found.points[own][5].tolist())
-    np.testing.assert_array_equal(own, find_target(found, cloud, Target(point=again)).own)
+    np.testing.assert_array_equal(own, find_target(found, cloud, Target(point=again)).target_mask)
     with pytest.raises(TargetError, match="no pixels"):
         find_target(found, cloud, Target(pixel=(3, 4)))
     with pytest.raises(TargetError, match="no target given"):
@@ -192,7 +195,7 @@ def test_mask_of_an_unorganized_cloud() -> None:
         points[order], mask=marked[order], T_base_camera=capture.T_base_camera
     )
     found = find_scene(cloud, (), SceneConfig())
-    own = find_target(found, cloud, None).own
+    own = find_target(found, cloud, None).target_mask
     assert true_label(found.points[own]) == CAN
 
 

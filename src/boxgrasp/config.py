@@ -18,7 +18,7 @@ from boxgrasp.grasps.checks import ChecksConfig
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.box_fit import BoxConfig
-from boxgrasp.perception.scene import SceneConfig
+from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.ranking.ranker import SHIPPED, ranker_names
 from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
 

@@ -14,16 +14,19 @@ from boxgrasp.arrays import readonly
 from boxgrasp.config import Config, config_hash, load_config
 from boxgrasp.errors import CodedWarning, ConfigError
 from boxgrasp.geometry.box import Box
-from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw, transform
+from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
 from boxgrasp.grasps.candidates import FACES, candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
 from boxgrasp.grasps.checks.check import validate_check, validate_result
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
-from boxgrasp.mapping.ray_insertion import Scan, build_local_map
+from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES, MapObstacles, unexplained_cells
+from boxgrasp.mapping.view_rays import view_rays
 from boxgrasp.perception.box_fit import fit_box
-from boxgrasp.perception.scene import Scene, SceneObject, find_scene, scan_pose, with_pixels
+from boxgrasp.perception.find_scene import find_scene
+from boxgrasp.perception.numbering import SceneObject
+from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Truncation, find_truncation
 from boxgrasp.ranking.ranker import (
@@ -38,8 +41,6 @@ from boxgrasp.ranking.ranker import (
 from boxgrasp.result import Candidate, CheckValue, Grasp, Refusal, Selection, TargetBox
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.version import __version__
-
-_DENSE_PX = 150_000  # of such an image every second row and column still crosses every cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +184,7 @@ class GraspSelector:
             target: as `select`.
             scans: as `select`.
             octomap: as `select`.
-            scene: spares finding it again.
+            scene: spares finding it again; scans then go into the local map alone.
             map_resolutions_m: cell sizes of further local maps, m.
 
         Returns:
@@ -197,7 +198,7 @@ class GraspSelector:
         config = self.config
         clock = Clock()
         # 1. The support plane and what stands on it (appendix A).
-        scene = scene or self.scene(capture, scans)
+        scene = self.scene(capture, scans) if scene is None else scene.with_scans(scans)
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
         points = find_target(scene, capture, target)
@@ -205,9 +206,7 @@ class GraspSelector:
         truncation = find_truncation(capture, scene, points.target_mask, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        maps, map_obstacles = self._maps(
-            _View(capture, scene, scans, octomap), box, map_resolutions_m
-        )
+        maps, map_obstacles = self._maps(scene, octomap, box, map_resolutions_m)
         clock.lap("mapping")
         # 4. Every candidate, and what each check says of it (2-4, 3-4).
         candidates = candidates_of(box, config.gripper, config.candidates.lines)
@@ -239,7 +238,7 @@ class GraspSelector:
         Raises:
             SceneError: no support plane, or nothing on it.
         """
-        return with_pixels(self.scene(capture))
+        return self.scene(capture).objects_with_pixels()
 
     def segment(self, capture: Capture) -> NDArray[np.int32]:
         """The number of the object that each pixel shows.
@@ -283,7 +282,11 @@ class GraspSelector:
         }
 
     def _maps(
-        self, view: _View, box: Box, map_resolutions_m: Sequence[float]
+        self,
+        scene: Scene,
+        octomap: MapCells | None,
+        box: Box,
+        map_resolutions_m: Sequence[float],
     ) -> tuple[dict[float, LocalMap], MapObstacles]:
         """Local maps by cell size, and the occupied cells of a map file that no point explains."""
         config = self.config.mapping
@@ -291,19 +294,17 @@ class GraspSelector:
         sizes = dict.fromkeys((config.resolution_m, *map_resolutions_m, *sum(needed, ())))
         configs = {size: replace(config, resolution_m=size) for size in sizes}
         T_base_map = box.T_base_map(config.center_above_support_m)
-        if view.octomap is None:
-            T_source_map = invert(view.scene.T_base_source) @ T_base_map
-            rays = _rays(view, config.stride)
+        if octomap is None:
+            T_source_map = invert(scene.T_base_source) @ T_base_map
+            rays = view_rays(scene.views, config.stride)
             maps = {
                 size: replace(build_local_map(rays, T_source_map, own), T_base_map=T_base_map)
                 for size, own in configs.items()
             }
             return maps, NO_MAP_OBSTACLES
-        occupied = MapObstacles(*view.octomap.occupied(config.occupied_above))
-        maps = {
-            size: map_from_octomap(view.octomap, T_base_map, own) for size, own in configs.items()
-        }
-        return maps, unexplained_cells(occupied, view.scene, box)
+        occupied = MapObstacles(*octomap.occupied(config.occupied_above))
+        maps = {size: map_from_octomap(octomap, T_base_map, own) for size, own in configs.items()}
+        return maps, unexplained_cells(occupied, scene, box)
 
     def _answer(self, analysis: SceneAnalysis, ranking: Ranking) -> Selection:
         """The first candidate in the order that passes; else the nearest, and why it fails."""
@@ -375,16 +376,6 @@ class Clock:
         return {**self._laps, "total": (time.perf_counter() - self._start) * 1e3}
 
 
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A capture with its scene and what else is known of it."""
-
-    capture: Capture
-    scene: Scene
-    scans: Sequence[Capture]
-    octomap: MapCells | None
-
-
 def _reports(context: RankingContext, ranking: Ranking) -> tuple[Candidate, ...]:
     candidates = context.candidates
     rank = np.argsort(ranking.order)
@@ -447,28 +438,6 @@ def _heading(scene: Scene) -> float:
         return 0.0
     x = scene.T_base_table[:3, 0]
     return float(np.arctan2(x[1], x[0]))
-
-
-def _rays(view: _View, stride: int | None) -> list[Scan]:
-    """Points and camera position of every view, in the first view's own frame.
-
-    The whole cloud, table included. stride: as `MappingConfig.stride`.
-    """
-    T_source_base = invert(view.scene.T_base_source)
-    camera = view.scene.camera_position_m
-    at = None if camera is None else transform(T_source_base, camera[None])[0]
-    rays: list[Scan] = [(_ray_points(view.capture, stride), at)]
-    for scan in view.scans:
-        points = transform(T_source_base @ scan_pose(scan), _ray_points(scan, stride))
-        T = scan.T_base_camera
-        rays.append((points, None if T is None else transform(T_source_base, T[None, :3, 3])[0]))
-    return rays
-
-
-def _ray_points(capture: Capture, stride: int | None) -> NDArray[np.float32]:
-    shape = capture.shape
-    dense = stride is None and shape is not None and shape[0] * shape[1] > _DENSE_PX
-    return capture.valid_points(step=2 if dense else 1)[0][::stride]
 
 
 def scene_warnings(scene: Scene) -> tuple[CodedWarning, ...]:

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from boxgrasp.errors import CodedWarning
-    from boxgrasp.perception.scene import Scene, SceneObject
+    from boxgrasp.perception.numbering import SceneObject
+    from boxgrasp.perception.scene import Scene
     from boxgrasp.sensing.capture import Capture
 
 _HEAD = ("object", "center x", "y", "z", "size x", "y", "z", "distance", "points")
@@ -61,7 +62,6 @@ def _write_images(args: argparse.Namespace, number: int, capture: Capture, scene
 
 
 def _json(path: str, scene: Scene, warnings: Sequence[CodedWarning]) -> str:
-    from boxgrasp.perception.scene import with_pixels
     from boxgrasp.strict import plain
 
     T = scene.T_base_camera
@@ -69,7 +69,7 @@ def _json(path: str, scene: Scene, warnings: Sequence[CodedWarning]) -> str:
         "capture": path,
         "frame": scene.frame,
         "T_base_camera": None if T is None else T.tolist(),
-        "objects": [_object(item) for item in with_pixels(scene)],
+        "objects": [_object(item) for item in scene.objects_with_pixels()],
         "warnings": [plain(warning) for warning in warnings],
     }
     return json.dumps(answer, allow_nan=False)

@@ -22,7 +22,8 @@ from boxgrasp.draw.shapes import corners
 from boxgrasp.draw.text import Lettering, fit, text_size
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.geometry.transforms import make_transform
-from boxgrasp.perception.scene import Scene, SceneObject
+from boxgrasp.perception.numbering import SceneObject
+from boxgrasp.perception.scene import Scene
 from boxgrasp.sensing.capture import Capture
 
 if TYPE_CHECKING:

@@ -13,9 +13,10 @@ from boxgrasp.kernels._jit import jit
 def above_plane(
     points: Points,
     T_table_source: Floats,
-    eye: Floats,
+    camera_position_m: Floats,
     band_m: float,
     noise_gain: float,
+    noise: tuple[float, float, float],
     max_height_m: float,
     farthest_m: float,
     found: Points,
@@ -24,9 +25,11 @@ def above_plane(
     """Fill `found` (N, 3) with the points over the band, `index` with their rows; returns how many.
 
     The band is what the table's own noise reaches: band_m plus noise_gain times the axial noise
-    of a structured-light camera at that range (Nguyen 2012), eye (3,) in the table frame.
+    (noise[0] + noise[1] * (range - noise[2])^2, m) at that range; the camera's position (3,) is in
+    the table frame.
     """
     T = T_table_source
+    floor, growth, least_at = noise
     count = 0
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -35,13 +38,15 @@ def above_plane(
             continue
         x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
         y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
-        dx, dy, dz = x - eye[0], y - eye[1], z - eye[2]
+        dx = x - camera_position_m[0]
+        dy = y - camera_position_m[1]
+        dz = z - camera_position_m[2]
         square = dx * dx + dy * dy + dz * dz
         if square > farthest_m * farthest_m:
             continue
         if noise_gain > 0.0:
-            away = square**0.5 - 0.4
-            if z < band_m + noise_gain * (0.0012 + 0.0019 * away * away):
+            away = square**0.5 - least_at
+            if z < band_m + noise_gain * (floor + growth * away * away):
                 continue
         found[count, 0] = x
         found[count, 1] = y

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Points
 from boxgrasp.kernels._jit import jit
 
 
@@ -18,21 +19,20 @@ def backproject(
     cx: float,
     cy: float,
     dropped: NDArray[np.bool_],
-    step: int,
     points: NDArray[np.float32],
     pixels: NDArray[np.int32],
 ) -> int:
     """Fill points (>= N, 3) optical frame, m, and flat pixel numbers (>= N,); returns N.
 
     A pixel counts where depth (H, W) m is above 0 and `dropped` is not set; `dropped` is
-    (H, W), or (0, 0) to keep all. Every `step`-th row and column, in row-major order.
+    (H, W), or (0, 0) to keep all. In row-major order.
     """
     height, width = depth.shape
     keep_all = dropped.shape[0] == 0
     n = 0
-    for v in range(0, height, step):
+    for v in range(height):
         y = (v - cy) / fy
-        for u in range(0, width, step):
+        for u in range(width):
             z = depth[v, u]
             if z > 0 and (keep_all or not dropped[v, u]):
                 points[n, 0] = (u - cx) / fx * z
@@ -41,6 +41,29 @@ def backproject(
                 pixels[n] = v * width + u
                 n += 1
     return n
+
+
+@jit
+def every_step(
+    points: Points, pixels: NDArray[np.int32], width: int, step: int, kept: Points
+) -> int:
+    """Fill `kept` with the points whose row and column are multiples of `step`; returns how many.
+
+    pixels: (N,) flat pixel numbers v * width + u of (N, 3) points, rising.
+    """
+    column_kept = np.zeros(width, dtype=np.bool_)
+    column_kept[::step] = True
+    count, row, start, row_kept = 0, 0, 0, True
+    for i in range(points.shape[0]):
+        while pixels[i] >= start + width:
+            row += 1
+            start += width
+            row_kept = row % step == 0
+        if row_kept and column_kept[pixels[i] - start]:
+            for k in range(3):
+                kept[count, k] = points[i, k]
+            count += 1
+    return count
 
 
 def backproject_naive(

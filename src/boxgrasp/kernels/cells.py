@@ -141,15 +141,15 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
                     if joined:
                         parent[max(ra, rb)] = min(ra, rb)
     names = np.full(cells, -1, dtype=np.int64)
-    labels = np.empty(points.shape[0], dtype=np.int64)
-    clusters = 0
+    clusters = np.empty(points.shape[0], dtype=np.int64)
+    found = 0
     for i in range(points.shape[0]):
         r = _root(parent, member[i])
         if names[r] == -1:
-            names[r] = clusters
-            clusters += 1
-        labels[i] = names[r]
-    return labels
+            names[r] = found
+            found += 1
+        clusters[i] = names[r]
+    return clusters
 
 
 @jit
@@ -171,7 +171,7 @@ def neighbor_means(
 ) -> None:
     """Fill the means of the points in every step-th cell of [first, last).
 
-    around: (27, 3) a cell and its neighbors, nearest first; their edge is the reach. best: room
+    around: (27, 3) a cell and its neighbors, nearest first; their edge is the reach. best: scratch
     for (points of one cell, neighbors). A point all of whose neighbors are nearer than its own
     `enough` (N,) is not measured further; its mean is noted as 0.
     """

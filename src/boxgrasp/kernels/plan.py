@@ -78,14 +78,14 @@ def patches(
 ) -> NDArray[np.int64]:
     """(nx, ny) patch of each inside cell, -1 else: neighbors join unless height or tint steps."""
     nx, ny = inside.shape
-    label = np.full((nx, ny), -1, dtype=np.int64)
+    patch = np.full((nx, ny), -1, dtype=np.int64)
     stack = np.empty((nx * ny, 2), dtype=np.int64)
     found = 0
     for x0 in range(nx):
         for y0 in range(ny):
-            if label[x0, y0] != -1 or not inside[x0, y0]:
+            if patch[x0, y0] != -1 or not inside[x0, y0]:
                 continue
-            label[x0, y0] = found
+            patch[x0, y0] = found
             stack[0, 0], stack[0, 1] = x0, y0
             depth = 1
             while depth > 0:
@@ -96,7 +96,7 @@ def patches(
                         a, b = x + dx, y + dy
                         if a < 0 or b < 0 or a >= nx or b >= ny:
                             continue
-                        if not inside[a, b] or label[a, b] != -1:
+                        if not inside[a, b] or patch[a, b] != -1:
                             continue
                         if abs(top[a, b] - top[x, y]) > step_m:
                             continue
@@ -105,31 +105,31 @@ def patches(
                             away += abs(tint[a, b, k] - tint[x, y, k])
                         if away > tint_step:  # NaN, an unknown tint, joins
                             continue
-                        label[a, b] = found
+                        patch[a, b] = found
                         stack[depth, 0], stack[depth, 1] = a, b
                         depth += 1
             found += 1
-    return label
+    return patch
 
 
 @jit
-def borders(label: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+def borders(patch: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """(count + 1, count + 1) cell sides between patches, the last row and column for outside.
 
     The diagonal holds each patch's area in cells.
     """
     table = np.zeros((count + 1, count + 1), dtype=np.int64)
-    nx, ny = label.shape
+    nx, ny = patch.shape
     for x in range(nx):
         for y in range(ny):
-            a = label[x, y]
+            a = patch[x, y]
             if a >= 0:
                 table[a, a] += 1
             for k in range(2):
                 u, v = (x + 1, y) if k == 0 else (x, y + 1)
                 if u >= nx or v >= ny:
                     continue
-                b = label[u, v]
+                b = patch[u, v]
                 if a != b:
                     i = a if a >= 0 else count
                     j = b if b >= 0 else count
@@ -187,12 +187,12 @@ def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
 @jit
 def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Seeds (-1 none) grown over the inside cells, ring by ring; the lower number wins a tie."""
-    label = seeds.copy()
-    nx, ny = label.shape
+    grown = seeds.copy()
+    nx, ny = grown.shape
     changed = True
     while changed:
         changed = False
-        before = label.copy()
+        before = grown.copy()
         for x in range(nx):
             for y in range(ny):
                 if not inside[x, y] or before[x, y] != -1:
@@ -204,9 +204,9 @@ def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int6
                         if 0 <= a < nx and 0 <= b < ny and before[a, b] >= 0:
                             best = min(best, before[a, b])
                 if best < 1 << 60:
-                    label[x, y] = best
+                    grown[x, y] = best
                     changed = True
-    return label
+    return grown
 
 
 @jit

@@ -29,8 +29,23 @@ _LATTICE_SLACK = 1e-9  # of a cell: 0.42 / 0.07 must be 6 cells, not 7
 class MappingConfig:
     """The local map: cell size, OctoMap's sensor model, thresholds, extent round the target.
 
-    stride: insert every stride-th point in the image's order (thesis 3-5-2: every second); None takes
-    every second row and column of a dense image, which still crosses every cell.
+    Attributes:
+        resolution_m: edge of a cell, m (thesis: 3 cm with the spiral, 7 cm with the grid).
+        prob_hit: probability that a cell is occupied where a ray ends in it, as OctoMap's.
+        prob_miss: where a ray crosses it; OctoMap's own 0.4 leaves a cell seen free once at 0.4,
+            which the 33 % rule calls uncertain.
+        clamp_min: least probability that a cell comes to, as OctoMap's.
+        clamp_max: greatest, as OctoMap's.
+        occupied_above: a cell is occupied above this probability (thesis section 2-2).
+        free_below: a cell is free below this probability (thesis section 2-2).
+        half_width_m: the map reaches so far from its center along x and y, m.
+        height_m: and so far up from the support plane, m.
+        center_above_support_m: of the half sphere over the support plane, m (thesis section 3-2).
+        stride: insert every stride-th point in the image's order (thesis 3-5-2: every second);
+            None takes every second row and column of a dense image, which still crosses every cell.
+
+    Raises:
+        ConfigError: `lattice`, where extent and resolution make more cells than memory holds.
     """
 
     resolution_m: Annotated[float, msgspec.Meta(ge=0.005, le=0.2)] = 0.03

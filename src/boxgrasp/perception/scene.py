@@ -1,126 +1,101 @@
-"""From a view to objects on their support plane (appendix A)."""
+"""What stands on a support plane, and which pixels show it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.plane import Plane
-from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.kernels._threads import run_chunks
-from boxgrasp.kernels.above import above_plane
-from boxgrasp.kernels.cells import Neighbors, euclidean_clusters, voxel_centroids
-from boxgrasp.perception.segmentation.split import by_label, split_clusters
-from boxgrasp.perception.support_plane import find_support_plane, patch_over, support_frame
-from boxgrasp.sensing.capture import Capture
+from boxgrasp.geometry.transforms import transform
+from boxgrasp.perception.numbering import SceneObject
+from boxgrasp.perception.segmentation.clusters import Clusters
+from boxgrasp.perception.view import View, rows_of, scan_views
+from boxgrasp.sensing.capture import Capture, Pixels
 
-Meters = Annotated[float, Meta(gt=0.0, le=20.0)]
-Corner = tuple[float, float, float]
+TABLE, MISSING = -1, -2  # what a pixel shows where it shows no point of the scene
 
-_OBSTACLES_BEYOND_M = 0.6
-_NOTHING = "nothing stands on the support plane; valid: at least one object in view"
-_SPECK = 8
-_MOST_VOXELS = 1_000_000
-_FARTHEST_M = 1000.0  # cells are numbered in 21 bits
-_BORDER_PX = 3
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """How objects are found; appendix A's numbers unless said otherwise.
-
-    min_range_m, max_range_m: pass-through, Euclidean distance from the camera. Things beyond are obstacles,
-    but no objects. voxel_m: downsampling. cluster_tolerance_m: points nearer than this are one object.
-    segmentation: `split` also parts things that stand closer; `euclidean` is the thesis's.
-    min_height_m: height over the plane, beside noise_gain times the camera's axial noise, under
-    which a point is the table's. outlier_*: statistical trimming. workspace_m: two opposite
-    corners in the base frame; outside it are obstacles, but no objects.
-    """
-
-    min_range_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.4
-    max_range_m: Meters = 1.6
-    voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
-    cluster_tolerance_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
-    segmentation: Literal["split", "euclidean"] = "split"
-    min_height_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
-    noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
-    max_height_m: Meters = 1.0
-    outlier_nb_neighbors: Annotated[int, Meta(ge=1, le=100)] = 5
-    outlier_std_ratio: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
-    min_cluster_size: Annotated[int, Meta(ge=1)] = 20
-    workspace_m: tuple[Corner, Corner] | None = None
-
-    RENAMED: ClassVar = {
-        "near_m": "min_range_m",
-        "far_m": "max_range_m",
-        "cluster_m": "cluster_tolerance_m",
-        "lowest_m": "min_height_m",
-        "highest_m": "max_height_m",
-        "outlier_neighbours": "outlier_nb_neighbors",
-        "outlier_sigma": "outlier_std_ratio",
-        "least_points": "min_cluster_size",
-    }
+_BORDER_PX = 3  # from the image's rim: a thing that reaches as far goes on beyond
 
 
 @dataclass(frozen=True, eq=False)
-class SceneObject:
-    """One thing on the support plane.
+class TargetWindow:
+    """The image round a target.
 
-    number counts from the nearest, from 1; center_m, size_m (3,) of its visible points along
-    the base's axes; distance_m from the camera; points: how many 3 mm voxels; pixel: (u, v) of
-    one of its pixels near its middle, None without an image.
+    Attributes:
+        target_mask: (h, w) bool, the target's pixels.
+        points_m: (h, w, 3) float32, what each pixel shows, base frame, m; NaN where it is missing.
+        rows: slice of the image's rows, v.
+        columns: slice of the image's columns, u.
+        open_sides: whether the window ends with the image: left, right, top, bottom.
     """
 
-    number: int
-    center_m: Floats
-    size_m: Floats
-    distance_m: float
-    points: int
-    pixel: tuple[int, int] | None
+    target_mask: NDArray[np.bool_]
+    points_m: Points
+    rows: slice
+    columns: slice
+    open_sides: tuple[bool, bool, bool, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class ShownPoints:
+    """Which point of the scene each of the first view's pixels shows, where it shows one.
+
+    Attributes:
+        pixels: (S,) int32, rising, as `View` has them.
+        rows: (S,) int64, rows of the scene's points.
+    """
+
+    pixels: Pixels
+    rows: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What stands over the support plane, base frame, meters.
+    """What stands over the support plane, base frame, m.
 
-    points: (K, 3) float32 voxel centroids over the plane; labels: (K,) object number, 0 for what
-    is no object; clusters: (K,) which points belong together, objects or not. plane: the support
-    plane. T_base_camera: None where the camera is unknown; T_base_table: z on the plane's normal,
-    z = 0 on it; frame: `given` or `support`. shape: (H, W) of the first view, or None.
-    source_points: (N, 3) of the first view in its own frame, which T_base_source maps; pixels:
-    (N,) their pixels, rising; above: (P,) which of them lie over the plane, and voxel_of_above
-    (P,) the row of each in `points`, -1 for a trimmed one.
+    Attributes:
+        points: (K, 3) float32, voxel centroids over the plane.
+        object_numbers: (K,) int64, 0 for what is no object.
+        clusters: (K,) int64, which points belong together, objects or not.
+        objects: by their numbers, without pixels.
+        plane: the support plane.
+        frame: `given`, or `support` where the base frame is the plane's.
+        T_base_camera: (4, 4), or None where the camera's place is unknown.
+        T_base_table: (4, 4), z on the plane's normal, z = 0 on it.
+        views: the points of every capture, the first one's before the further scans'.
     """
 
     points: Points
     object_numbers: NDArray[np.int64]
-    clusters: NDArray[np.int64]
+    clusters: Clusters
     objects: tuple[SceneObject, ...]
     plane: Plane
     frame: str
     T_base_camera: Floats | None
     T_base_table: Floats
-    shape: tuple[int, int] | None
-    pixels: NDArray[np.int32]
-    above: NDArray[np.int32]
-    voxel_of_above: NDArray[np.int64]
-    source_points: Points
-    T_base_source: Floats
+    views: tuple[View, ...]
+    _shown: ShownPoints
 
-    def voxels_at(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Row of the voxel at each flat pixel; -1 table or background, -2 no depth."""
-        row = _rows_of(pixels, self.pixels)
-        over = _rows_of(row, self.above)
-        voxel = np.where(over >= 0, self.voxel_of_above[over], -1)
-        return np.where(row >= 0, voxel, -2)
+    @property
+    def shape(self) -> tuple[int, int] | None:
+        """(H, W) of the first view, or None without an image."""
+        return self.views[0].shape
+
+    @property
+    def T_base_source(self) -> Floats:
+        """(4, 4) maps the first view's own frame into the base frame."""
+        return self.views[0].T_base_source
+
+    @property
+    def camera_position_m(self) -> Floats | None:
+        """(3,) camera position, base frame, m; None where it is unknown."""
+        return None if self.T_base_camera is None else self.T_base_camera[:3, 3]
 
     @cached_property
     def at_border(self) -> NDArray[np.int64]:
@@ -128,10 +103,104 @@ class Scene:
         if self.shape is None:
             return np.empty(0, dtype=np.int64)
         height, width = self.shape
-        ok = self.voxel_of_above >= 0
-        v, u = np.divmod(self.pixels[self.above[ok]], width)
+        v, u = np.divmod(self._shown.pixels, width)
         far = (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
-        return np.unique(self.voxel_of_above[ok][far | (np.minimum(u, v) < _BORDER_PX)])
+        return np.unique(self._shown.rows[far | (np.minimum(u, v) < _BORDER_PX)])
+
+    def with_scans(self, scans: Sequence[Capture]) -> Scene:
+        """The same scene, with other further scans for the rays of the local map.
+
+        Args:
+            scans: each with its pose; they take the place of those that the scene has.
+
+        Returns:
+            A scene that shares the arrays.
+
+        Raises:
+            SceneError: a scan does not say where its camera stood.
+        """
+        return replace(self, views=(self.views[0], *scan_views(scans)))
+
+    def rows_at(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Which point each pixel shows.
+
+        Args:
+            pixels: (...) int, flat pixels v * W + u.
+
+        Returns:
+            (...) int64 rows of the points, `TABLE` for table, background or an outlier, `MISSING`
+            for no depth.
+        """
+        shown = rows_of(pixels, self._shown.pixels)
+        seen = rows_of(pixels, self.views[0].pixels) >= 0
+        rows = np.where(shown >= 0, self._shown.rows[shown], TABLE)
+        return np.where(seen, rows, MISSING)
+
+    def height_at(self, pixel: int) -> float:
+        """How high over the support plane lies what a pixel shows.
+
+        Args:
+            pixel: flat pixel v * W + u, of one that is not missing.
+
+        Returns:
+            The height, m.
+        """
+        view = self.views[0]
+        row = np.searchsorted(view.pixels, pixel)
+        point = transform(view.T_base_source, view.points[row : row + 1])
+        return float(self.plane.heights(point)[0])
+
+    def points_under(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which points lie mostly under a mask.
+
+        Args:
+            mask: (H, W) bool, or (N,) beside the points of an unorganized cloud.
+
+        Returns:
+            (K,) bool.
+        """
+        inside = mask.reshape(-1)[self._shown.pixels]
+        count = len(self.points)
+        votes = np.bincount(self._shown.rows, inside, minlength=count)
+        return np.asarray(2 * votes > np.bincount(self._shown.rows, minlength=count))
+
+    def target_window(self, target_mask: NDArray[np.bool_], margin_px: int) -> TargetWindow | None:
+        """The image round a target.
+
+        Args:
+            target_mask: (K,) bool, the target's points.
+            margin_px: how far the window reaches past the target's pixels.
+
+        Returns:
+            The window, or None where there is no image or it shows none of the target's points.
+        """
+        pixels = self._shown.pixels[target_mask[self._shown.rows]]
+        if self.shape is None or len(pixels) == 0:
+            return None
+        height, width = self.shape
+        v, u = np.divmod(pixels, width)
+        v0, v1 = max(int(v.min()) - margin_px, 0), min(int(v.max()) + margin_px + 1, height)
+        u0, u1 = max(int(u.min()) - margin_px, 0), min(int(u.max()) + margin_px + 1, width)
+        mask = np.zeros((v1 - v0, u1 - u0), dtype=bool)
+        mask[v - v0, u - u0] = True
+        rows, columns = slice(v0, v1), slice(u0, u1)
+        points = transform(self.T_base_source, self._image_points(rows, columns))
+        sides = (u0 == 0, u1 == width, v0 == 0, v1 == height)
+        return TargetWindow(mask, points, rows, columns, sides)
+
+    def _image_points(self, rows: slice, columns: slice) -> Points:
+        """(h, w, 3) points of a window of the image, source frame, NaN where missing."""
+        view, (_, width) = self.views[0], self.shape or (0, 0)
+        height, across = rows.stop - rows.start, columns.stop - columns.start
+        points = np.full((height, across, 3), np.nan, dtype=np.float32)
+        # Points are in pixel order, so each image row is a slice of them.
+        starts = np.arange(rows.start, rows.stop, dtype=np.int32) * width + columns.start
+        starts = starts.astype(np.int32)
+        firsts = np.searchsorted(view.pixels, starts).tolist()
+        lasts = np.searchsorted(view.pixels, starts + np.int32(across)).tolist()
+        for row, (start, first, last) in enumerate(zip(starts, firsts, lasts, strict=True)):
+            points[row, view.pixels[first:last] - start] = view.points[first:last]
+        return points
 
     def object_image(self) -> NDArray[np.int32]:
         """The number of the object that each pixel shows.
@@ -145,323 +214,29 @@ class Scene:
         if self.shape is None:
             raise SceneError("an unorganized cloud has no pixels; valid: a view with an image")
         image = np.zeros(self.shape[0] * self.shape[1], dtype=np.int32)
-        ok = self.voxel_of_above >= 0
-        image[self.pixels[self.above[ok]]] = self.object_numbers[self.voxel_of_above[ok]]
+        image[self._shown.pixels] = self.object_numbers[self._shown.rows]
         return image.reshape(self.shape)
 
-    @property
-    def camera_position_m(self) -> Floats | None:
-        """(3,) camera position in the base frame."""
-        return None if self.T_base_camera is None else self.T_base_camera[:3, 3]
+    def objects_with_pixels(self) -> tuple[SceneObject, ...]:
+        """The objects, each with the one of its own pixels that is nearest to their mean.
 
-
-def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
-    """Support plane, voxels over it, objects; further scans are fused into the same voxels.
-
-    Raises:
-        SceneError: no support plane, nothing on it, or a scan whose place is unknown.
-    """
-    # 1. The plane that carries the objects, and with it every frame.
-    points, pixels = capture.valid_points()
-    place = _place(capture, points, config)
-    # 2. What stands over it, in voxels of the table's own frame.
-    found, above = _over(points, invert(place.T_source_table), place.camera_position_m, config)
-    first = len(found)
-    for scan in scans:
-        found = np.vstack((found, _scan_over(scan, place.T_base_table, config)))
-    voxels, voxel_of = _voxels(found, config)
-    # 3. Clusters, and their parts where things stand closer.
-    colors = _voxel_colors(capture, pixels, above, voxel_of[:first], len(voxels))
-    labels = _clusters(voxels, colors, place.camera_position_m, config)
-    # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
-    over = patch_over(points, place.T_source_table, _middles(voxels, labels))
-    points_base = transform(place.T_base_table, voxels)
-    T_base_camera = place.T_base_camera
-    eye = None if T_base_camera is None else T_base_camera[:3, 3]
-    numbers, objects = _number(points_base, labels, over, eye, config)
-    if not objects:
-        raise SceneError(_NOTHING)
-    alive = labels >= 0
-    row = np.where(alive, np.cumsum(alive) - 1, -1)
-    if capture.shape is None:
-        pixels = np.arange(len(points), dtype=np.int32)
-    return Scene(
-        points=readonly(np.ascontiguousarray(points_base[alive])),
-        object_numbers=readonly(numbers[alive]),
-        clusters=readonly(labels[alive]),
-        objects=tuple(objects),
-        plane=place.plane.moved(place.T_base_source),
-        frame=place.frame,
-        T_base_camera=None if T_base_camera is None else readonly(T_base_camera),
-        T_base_table=readonly(place.T_base_table),
-        shape=capture.shape,
-        pixels=readonly(pixels),
-        above=readonly(above),
-        voxel_of_above=readonly(row[voxel_of[:first]]),
-        source_points=points,
-        T_base_source=readonly(place.T_base_source),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """The plane in the view's own frame (source), and how the frames lie to each other."""
-
-    plane: Plane
-    T_source_table: Floats
-    T_base_source: Floats
-    T_base_table: Floats
-    T_base_camera: Floats | None
-    frame: str
-
-    @property
-    def camera_position_m(self) -> Floats | None:
-        """(3,) camera position in the table frame."""
-        if self.T_base_camera is None:
-            return None
-        place: Floats = transform(invert(self.T_base_table), self.T_base_camera[None, :3, 3])[0]
-        return place
-
-
-def _place(capture: Capture, points: Points, config: SceneConfig) -> _Place:
-    """Where the view lies: as given, or over the plane it sees (docs/conventions.md)."""
-    optical = capture.cloud_frame == "optical"
-    given = capture.T_base_camera
-    up = np.array([0.0, 0.0, 1.0]) if not optical else None if given is None else given[2, :3]
-    eye = np.zeros(3) if optical else None if given is None else given[:3, 3]
-    plane = find_support_plane(points, up, eye, config.max_range_m)
-    T_source_table = support_frame(plane, optical)
-    T_base_source = np.eye(4)
-    if optical:
-        T_base_source = np.array(given) if given is not None else invert(T_source_table)
-    return _Place(
-        plane=plane,
-        T_source_table=T_source_table,
-        T_base_source=T_base_source,
-        T_base_table=T_base_source @ T_source_table,
-        T_base_camera=T_base_source if optical else given,
-        frame="support" if optical and given is None else "given",
-    )
-
-
-def _voxels(found: Points, config: SceneConfig) -> tuple[Points, NDArray[np.int64]]:
-    """(K, 3) voxel centroids of the points over the plane, and (P,) which voxel each is in."""
-    if len(found) == 0:
-        raise SceneError(_NOTHING)
-    farthest = float(np.abs(found).max())
-    if farthest > _FARTHEST_M:
-        raise SceneError(
-            f"points lie {farthest / 1000:.1f} km from the frame's origin; valid: "
-            f"within {_FARTHEST_M / 1000:g} km"
-        )
-    voxels, voxel_of = voxel_centroids(found, config.voxel_m)
-    if len(voxels) > _MOST_VOXELS:
-        raise SceneError(
-            f"{len(voxels)} voxels stand over the support plane; valid: up to {_MOST_VOXELS} "
-            "(a smaller scene.max_range_m or a larger scene.voxel_m)"
-        )
-    return voxels, voxel_of
-
-
-def _clusters(
-    voxels: Points, colors: Points | None, eye: Floats | None, config: SceneConfig
-) -> NDArray[np.int64]:
-    """(K,) cluster of each voxel, -1 for outliers and specks."""
-    keep = _inliers(voxels, eye, config)
-    labels = np.full(len(voxels), -1, dtype=np.int64)
-    if keep.any():
-        labels[keep] = euclidean_clusters(
-            np.ascontiguousarray(voxels[keep]), config.cluster_tolerance_m
-        )
-    sizes = np.bincount(labels + 1, minlength=1)
-    labels[sizes[labels + 1] < _SPECK] = -1
-    if config.segmentation == "split":
-        return split_clusters(voxels, labels, colors, eye)
-    return labels
-
-
-def _rows_of(values: NDArray[Any], among: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Where each value stands in a rising array, -1 where it does not."""
-    if len(among) == 0:
-        return np.full(np.shape(values), -1, dtype=np.int64)
-    at = np.minimum(np.searchsorted(among, np.asarray(values, dtype=among.dtype)), len(among) - 1)
-    return np.where(among[at] == values, at, -1)
-
-
-def _over(
-    points: Points, T_table_source: Floats, eye: Floats | None, config: SceneConfig
-) -> tuple[Points, NDArray[np.int32]]:
-    """(P, 3) points over the plane in the table frame, and their rows."""
-    known = eye is not None
-    parts: list[tuple[int, Points, NDArray[np.int32]]] = []
-
-    def work(first: int, last: int) -> None:
-        found = np.empty((last - first, 3), dtype=np.float32)
-        rows = np.empty(last - first, dtype=np.int32)
-        count = above_plane(
-            points[first:last],
-            T_table_source,
-            eye if eye is not None else np.zeros(3),
-            config.min_height_m if known else config.min_height_m + config.noise_gain * 0.002,
-            config.noise_gain if known else 0.0,
-            config.max_height_m,
-            config.max_range_m + _OBSTACLES_BEYOND_M if known else 1e6,
-            found,
-            rows,
-        )
-        parts.append((first, found[:count], rows[:count] + np.int32(first)))
-
-    run_chunks(work, len(points), smallest=50_000)
-    parts.sort(key=lambda part: part[0])
-    return np.vstack([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
-
-
-def _scan_over(scan: Capture, T_base_table: Floats, config: SceneConfig) -> Points:
-    points, _ = scan.valid_points()
-    T_base_source = scan_pose(scan)
-    T_table_source = invert(T_base_table) @ T_base_source
-    eye = None
-    if scan.T_base_camera is not None:
-        eye = (invert(T_base_table) @ scan.T_base_camera)[:3, 3]
-    return _over(points, T_table_source, eye, config)[0]
-
-
-def scan_pose(scan: Capture) -> Floats:
-    """T_base_source of a further scan.
-
-    Raises:
-        SceneError: the scan does not say where its camera stood.
-    """
-    if scan.cloud_frame == "base":
-        return np.eye(4)
-    if scan.T_base_camera is None:
-        raise SceneError("a further scan has no T_base_camera; valid: every scan with its pose")
-    return scan.T_base_camera
-
-
-def _inliers(voxels: Points, eye: Floats | None, config: SceneConfig) -> NDArray[np.bool_]:
-    """Statistical trimming: mean neighbor distance within sigma of the usual, at its range.
-
-    What is usual is measured in every eighth cell; the others are measured only as far as it
-    takes to tell on which side of the limit their points lie.
-    """
-    spread = np.full(len(voxels), config.voxel_m, dtype=np.float32)
-    if eye is not None:  # a farther surface is sampled more thinly: a pixel at 525 px
-        off = voxels - eye.astype(np.float32)
-        spread = np.maximum(spread, np.sqrt(np.einsum("ij,ij->i", off, off)) / np.float32(525))
-    neighbors = Neighbors(voxels, config.outlier_nb_neighbors, 2.4 * float(np.median(spread)))
-    measured = neighbors.means(np.zeros(len(voxels), dtype=np.float32), cell_step=8)
-    usual = (measured / spread)[np.isfinite(measured)]
-    limit = float(
-        usual.mean(dtype=np.float64) + config.outlier_std_ratio * usual.std(dtype=np.float64)
-    )
-    limits = np.float32(max(limit, 1.5 * float(np.median(usual)))) * spread
-    return np.asarray(neighbors.means(limits) <= limits)
-
-
-def _voxel_colors(
-    capture: Capture,
-    pixels: NDArray[np.int32],
-    above: NDArray[np.int32],
-    voxel_of: NDArray[np.int64],
-    count: int,
-) -> Points | None:
-    """(K, 3) mean color of each voxel, NaN where none was seen; None without colors."""
-    flat = capture.rgb.reshape(-1, 3) if capture.rgb is not None else capture.colors
-    if flat is None or len(voxel_of) == 0:
-        return None
-    rows: NDArray[Any] = pixels[above] if capture.shape is not None else above
-    if capture.shape is None and capture.robot_mask is not None:
-        rows = np.flatnonzero(~capture.robot_mask.reshape(-1))[above]
-    seen = flat[rows]
-    hits = np.bincount(voxel_of, minlength=count)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.column_stack(
-            [np.bincount(voxel_of, seen[:, k], minlength=count) / hits for k in range(3)]
-        ).astype(np.float32)
-
-
-def _middles(voxels: Points, labels: NDArray[np.int64]) -> Points:
-    """(C, 3) mean of the voxels of each cluster, in the table frame."""
-    own = labels >= 0
-    count = np.maximum(np.bincount(labels[own]), 1)
-    return np.column_stack(
-        [np.bincount(labels[own], voxels[own, k]) / count for k in range(3)]
-    ).astype(np.float32)
-
-
-def _number(
-    points: Points,
-    labels: NDArray[np.int64],
-    over: NDArray[np.bool_],
-    eye: Floats | None,
-    config: SceneConfig,
-) -> tuple[NDArray[np.int64], list[SceneObject]]:
-    """Object numbers (K,) from the nearest, 0 for what is no object, and the objects.
-
-    over: (C,) whether each cluster stands over the part of the plane that was seen.
-    """
-    order = by_label(labels)
-    starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
-    origin = eye if eye is not None else np.zeros(3)
-    candidates = []
-    for k in range(len(starts) - 1):
-        rows = order[starts[k] : starts[k + 1]]
-        if len(rows) < config.min_cluster_size or not over[k]:
-            continue
-        own = points[rows]
-        middle = own.mean(axis=0, dtype=np.float64)
-        distance = float(np.linalg.norm(middle - origin))
-        if eye is not None and not config.min_range_m <= distance <= config.max_range_m:
-            continue
-        if config.workspace_m is not None:
-            low, high = np.sort(np.array(config.workspace_m), axis=0)
-            if np.any(middle < low) or np.any(middle > high):
-                continue
-        candidates.append((distance, tuple(middle.tolist()), k, rows))
-    candidates.sort(key=lambda item: (item[0], item[1]))
-    numbers = np.zeros(len(labels), dtype=np.int64)
-    objects = []
-    for number, (distance, _, _, rows) in enumerate(candidates, start=1):
-        numbers[rows] = number
-        low, high = points[rows].min(axis=0), points[rows].max(axis=0)
-        objects.append(
-            SceneObject(
-                number=number,
-                center_m=readonly((low + high).astype(np.float64) / 2),
-                size_m=readonly((high - low).astype(np.float64)),
-                distance_m=distance,
-                points=len(rows),
-                pixel=None,
-            )
-        )
-    return numbers, objects
-
-
-def with_pixels(scene: Scene) -> tuple[SceneObject, ...]:
-    """The objects, each with one of its own pixels, the one nearest to their mean."""
-    objects = scene.objects
-    if scene.shape is None:
-        return objects
-    width = scene.shape[1]
-    ok = scene.voxel_of_above >= 0
-    pixels = scene.pixels[scene.above][ok].astype(np.int64)
-    numbers = scene.object_numbers[scene.voxel_of_above[ok]]
-    v, u = np.divmod(pixels, width)
-    count = np.maximum(np.bincount(numbers, minlength=len(objects) + 1), 1)
-    mean_u = np.bincount(numbers, u, minlength=len(objects) + 1) / count
-    mean_v = np.bincount(numbers, v, minlength=len(objects) + 1) / count
-    off = (u - mean_u[numbers]) ** 2 + (v - mean_v[numbers]) ** 2
-    first = np.lexsort((pixels, off, numbers))
-    at = np.searchsorted(numbers[first], np.arange(1, len(objects) + 1))
-    found = []
-    for item, k in zip(objects, at.tolist(), strict=True):
-        pixel = None
-        if k < len(first) and numbers[first[k]] == item.number:
-            pixel = (int(u[first[k]]), int(v[first[k]]))
-        found.append(
-            SceneObject(
-                item.number, item.center_m, item.size_m, item.distance_m, item.points, pixel
-            )
-        )
-    return tuple(found)
+        Returns:
+            The objects by their numbers; as they are where there is no image.
+        """
+        if self.shape is None:
+            return self.objects
+        pixels = self._shown.pixels.astype(np.int64)
+        numbers = self.object_numbers[self._shown.rows]
+        v, u = np.divmod(pixels, self.shape[1])
+        count = np.maximum(np.bincount(numbers, minlength=len(self.objects) + 1), 1)
+        mean_u = np.bincount(numbers, u, minlength=len(self.objects) + 1) / count
+        mean_v = np.bincount(numbers, v, minlength=len(self.objects) + 1) / count
+        off = (u - mean_u[numbers]) ** 2 + (v - mean_v[numbers]) ** 2
+        order = np.lexsort((pixels, off, numbers))
+        first = np.searchsorted(numbers[order], np.arange(1, len(self.objects) + 1))
+        found = []
+        for item, k in zip(self.objects, first.tolist(), strict=True):
+            shown = k < len(order) and numbers[order[k]] == item.number
+            pixel = (int(u[order[k]]), int(v[order[k]])) if shown else None
+            found.append(replace(item, pixel=pixel))
+        return tuple(found)

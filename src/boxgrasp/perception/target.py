@@ -11,21 +11,26 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import TargetError
-from boxgrasp.geometry.transforms import transform
 from boxgrasp.kernels.cells import euclidean_clusters
-from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.scene import MISSING, Scene
 from boxgrasp.sensing.capture import Capture
 
-_PIXEL_REACH = 5
-_POINT_REACH_M = 0.03
-_MASK_JOIN_M = 0.03
-_CLEARLY_M = 0.006
-_RIM_M = 0.008
+_PIXEL_REACH = 5  # px from a pixel without depth to one that has it
+_POINT_REACH_M = 0.03  # m from a point given to an object's
+_MASK_JOIN_M = 0.03  # m up to which parts under a mask are one thing: a handle and its mug
+_CLEARLY_M = 0.006  # m over the support plane, where its noise does not reach
+_RIM_M = 0.008  # m, what a mask drawn by hand or by a network is off at its rim
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """At most one of: pixel (u, v); mask (H, W) bool; point (3,) base frame, m; object number.
+    """Which object is meant, by at most one of its attributes.
+
+    Attributes:
+        pixel: (u, v) on it.
+        mask: (H, W) bool or uint8, True on it; (N,) for an unorganized cloud.
+        point: (3,) on it, base frame, m.
+        object: its number, as `boxgrasp objects` counts.
 
     Raises:
         TargetError: more than one is given.
@@ -47,9 +52,13 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class TargetPoints:
-    """own: (K,) the scene's points that are the target's; others: (K,) those that are obstacles.
+    """Which of a scene's K points are the target's, and which are in its way.
 
     A mask's rim is neither: its pixels belong to the target or to what touches it.
+
+    Attributes:
+        target_mask: (K,) bool, the target's points.
+        obstacle_mask: (K,) bool, those of obstacles.
     """
 
     target_mask: NDArray[np.bool_]
@@ -59,14 +68,20 @@ class TargetPoints:
 def find_target(scene: Scene, capture: Capture, target: Target | None) -> TargetPoints:
     """Which of the scene's points are the target's, and which are in its way.
 
-    Without a target the capture's mask counts, then its target_pixel.
+    Args:
+        scene: its K points, and which pixels show them.
+        capture: the view.
+        target: what is meant; None for the capture's mask, else its target_pixel.
+
+    Returns:
+        Two masks over the points.
 
     Raises:
         TargetError: nothing given, outside the image, on the table, on nothing, unknown number.
     """
     chosen = target or Target()
     if chosen.mask is not None:
-        return _under_mask(scene, capture, _validated_mask(capture, chosen.mask))
+        return _under_mask(scene, _validated_mask(capture, chosen.mask))
     if chosen.object is not None:
         number = _known_number(scene, chosen.object)
     elif chosen.point is not None:
@@ -74,15 +89,15 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
     elif chosen.pixel is not None:
         number = _object_under(scene, chosen.pixel)
     elif capture.mask is not None:
-        return _under_mask(scene, capture, capture.mask)
+        return _under_mask(scene, capture.mask)
     elif capture.target_pixel is not None:
         number = _object_under(scene, capture.target_pixel)
     else:
         raise TargetError(
             "no target given; valid: a pixel, mask, point or object number, or a capture with one"
         )
-    own = np.asarray(scene.object_numbers == number)
-    return TargetPoints(readonly(own), readonly(~own))
+    target_mask = np.asarray(scene.object_numbers == number)
+    return TargetPoints(readonly(target_mask), readonly(~target_mask))
 
 
 def _known_number(scene: Scene, number: int) -> int:
@@ -115,49 +130,67 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
     """Object number under a pixel; without depth there, under the nearest pixel that has it."""
     if scene.shape is None:
         raise TargetError("an unorganized cloud has no pixels; valid: a point or object number")
-    height, width = scene.shape
+    u, v = _pixel_inside(pixel, scene.shape)
+    near = _nearest_shown(scene, u, v, scene.shape)
+    if near.number > 0:
+        return near.number
+    if near.nearest_object is not None and scene.height_at(near.pixel) > _CLEARLY_M:
+        return near.nearest_object  # a trimmed pixel beside or inside one
+    if near.number == 0:
+        raise TargetError(
+            f"pixel {u} {v} is on no object: too small, out of range or off the support plane; "
+            "valid: an object that `boxgrasp objects` lists (see scene.min_range_m, "
+            "scene.max_range_m)"
+        )
+    raise TargetError(f"pixel {u} {v} is on the table or behind it; valid: a pixel on an object")
+
+
+def _pixel_inside(pixel: tuple[int, int], shape: tuple[int, int]) -> tuple[int, int]:
+    height, width = shape
     try:
         u, v = (int(k) for k in pixel)
     except (TypeError, ValueError, OverflowError):
         raise TargetError(f"target pixel is {pixel!r}; valid: u v, whole numbers") from None
     if not (0 <= u < width and 0 <= v < height):
         raise TargetError(f"pixel {u} {v} is outside; valid: 0..{width - 1} 0..{height - 1}")
+    return u, v
+
+
+@dataclass(frozen=True)
+class _Near:
+    """What the pixels near one show.
+
+    Attributes:
+        pixel: the flat pixel with depth that is nearest, of equals one on an object: the one
+            without depth was pointed at, not the table.
+        number: of the object that it shows, 0 for a point of none, -1 for table or background.
+        nearest_object: number of the object nearest in the image, or None.
+    """
+
+    pixel: int
+    number: int
+    nearest_object: int | None
+
+
+def _nearest_shown(scene: Scene, u: int, v: int, shape: tuple[int, int]) -> _Near:
+    height, width = shape
     v0, u0 = max(v - _PIXEL_REACH, 0), max(u - _PIXEL_REACH, 0)
     down = np.arange(v0, min(v + _PIXEL_REACH + 1, height))
     along = np.arange(u0, min(u + _PIXEL_REACH + 1, width))
-    window = scene.voxels_at(down[:, None] * width + along)
-    rows, columns = np.nonzero(window != -2)
-    if len(rows) == 0:
-        raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")
+    shown = scene.rows_at(down[:, None] * width + along)
+    rows, columns = np.nonzero(shown != MISSING)
     off = (rows + v0 - v) ** 2 + (columns + u0 - u) ** 2
-    if off.min() > _PIXEL_REACH**2:
+    if len(off) == 0 or off.min() > _PIXEL_REACH**2:
         raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")
-    # Ties go to a pixel on an object: the one without depth was pointed at, not the table.
-    voxel = window[rows, columns]
-    number = np.where(voxel >= 0, scene.object_numbers[np.maximum(voxel, 0)], -1)
-    first = np.lexsort((columns, rows, number <= 0, off))[0]
-    if number[first] > 0:
-        return int(number[first])
-    near = np.flatnonzero(number > 0)
-    if (
-        number[first] < 1
-        and len(near)
-        and _off_plane(scene, (v0 + rows[first]) * width + u0 + columns[first])
-    ):
-        return int(number[near[np.argmin(off[near])]])  # a trimmed pixel beside or inside one
-    if number[first] == 0:
-        raise TargetError(
-            f"pixel {u} {v} is on no object: too small, out of range or off the support plane; "
-            "valid: an object that `boxgrasp objects` lists (see scene.min_range_m, scene.max_range_m)"
-        )
-    raise TargetError(f"pixel {u} {v} is on the table or behind it; valid: a pixel on an object")
-
-
-def _off_plane(scene: Scene, pixel: int) -> bool:
-    """Whether a pixel's point is clearly no part of the support plane."""
-    row = np.searchsorted(scene.pixels, pixel)
-    point = transform(scene.T_base_source, scene.source_points[row : row + 1])
-    return bool(scene.plane.heights(point)[0] > _CLEARLY_M)
+    point = shown[rows, columns]
+    numbers = np.where(point >= 0, scene.object_numbers[np.maximum(point, 0)], -1)
+    first = np.lexsort((columns, rows, numbers <= 0, off))[0]
+    near = np.flatnonzero(numbers > 0)
+    return _Near(
+        pixel=int((v0 + rows[first]) * width + u0 + columns[first]),
+        number=int(numbers[first]),
+        nearest_object=int(numbers[near[np.argmin(off[near])]]) if len(near) else None,
+    )
 
 
 def _validated_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
@@ -172,17 +205,9 @@ def _validated_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
     return np.asarray(array != 0)
 
 
-def _under_mask(scene: Scene, capture: Capture, mask: NDArray[np.bool_]) -> TargetPoints:
-    """The voxels mostly under the mask; of apart pieces the largest, so that bleed falls off."""
-    flat = mask.reshape(-1)
-    if scene.shape is None and capture.robot_mask is not None:
-        flat = flat[~capture.robot_mask.reshape(-1)]
-    ok = scene.voxel_of_above >= 0
-    voxels = scene.voxel_of_above[ok]
-    inside = flat[scene.pixels[scene.above[ok]]]
-    count = len(scene.points)
-    votes = np.bincount(voxels, inside, minlength=count)
-    under = 2 * votes > np.bincount(voxels, minlength=count)
+def _under_mask(scene: Scene, mask: NDArray[np.bool_]) -> TargetPoints:
+    """The points mostly under the mask; of apart pieces the largest, so that bleed falls off."""
+    under = scene.points_under(mask)
     if not under.any():
         raise TargetError("mask covers nothing above the support plane; valid: True on an object")
     rows = np.flatnonzero(under)
@@ -192,11 +217,11 @@ def _under_mask(scene: Scene, capture: Capture, mask: NDArray[np.bool_]) -> Targ
     return TargetPoints(readonly(under), readonly(~under & ~rim))
 
 
-def _beside(points: Points, own: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(K,) points in or next to a cell that holds one of the target's own."""
+def _beside(points: Points, target_mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(K,) points in or next to a cell that holds one of the target's."""
     cells = np.floor(points / _RIM_M).astype(np.int64)
     keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
-    held = np.unique(keys[own])
+    held = np.unique(keys[target_mask])
     beside = np.zeros(len(points), dtype=bool)
     for x, y, z in itertools.product((-1, 0, 1), repeat=3):
         beside |= np.isin(keys + (x << 42) + (y << 21) + z, held)

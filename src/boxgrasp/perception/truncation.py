@@ -10,126 +10,134 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.scene import Scene, TargetWindow
 from boxgrasp.sensing.capture import Capture
 
-_REACH_PX = 6
-_NEARER_M = 0.02
-_EDGE_BAND_M = 0.012
-_HIDDEN_SHARE = 0.5
-_FREE_SHARE = 0.12
-_LEAST_PX = 4
-_CROWD_M = 0.005
-_BELOW_TOP_M = 0.012
-_FACING = 0.85
-_WALL_PX = 20
-_CROWD_SHARE = 0.58
+# Found on cast scenes, where the hidden edges are known.
+_REACH_PX = 6  # from an edge to what hides it: holes in the depth are narrower
+_NEARER_M = 0.02  # m, from which one thing is in front of another
+_EDGE_BAND_M = 0.012  # m, inside the box's edge: what lies there is at the edge
+_HIDDEN_SHARE = 0.5  # of the target's ends on a side, from which something else makes them
+_FREE_SHARE = 0.12  # of them, from which the edge itself was seen to end
+_LEAST_PX = 4  # fewer pixels tell nothing
+_CROWD_M = 0.005  # m, depth of a face seen edge on, noise included
+_BELOW_TOP_M = 0.012  # m, under the top: what lies there is a wall's
+_FACING = 0.85  # cosine to the view from which a face is turned to the camera
+_WALL_PX = 20  # pixels of a wall from which it was seen
+_CROWD_SHARE = 0.58  # of the band's points, from which they crowd at its end
+_RIM_PX = 2  # from the image's border
 _STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0))  # rows, columns: left, right, up, down
 
 
 @dataclass(frozen=True)
 class Truncation:
-    """width_known: whether the box's x and y dimensions are more than lower bounds.
+    """Where the view ends before the target does.
 
-    cut: whether the image border cuts the target.
+    Attributes:
+        width_known: whether the box's x and y dimensions are more than lower bounds.
+        cut: whether the image border cuts the target.
     """
 
     width_known: tuple[bool, bool]
     cut: bool
 
 
-def find_truncation(capture: Capture, scene: Scene, own: NDArray[np.bool_], box: Box) -> Truncation:
+def find_truncation(
+    capture: Capture, scene: Scene, target_mask: NDArray[np.bool_], box: Box
+) -> Truncation:
     """Which edges of the box end at something nearer or at the border (docs/how-it-works.md).
 
-    own: (K,) the target's voxels. Without an image every edge counts as seen, but the one along
-    the view where the camera looks from below the box's top.
+    Without an image every edge counts as seen, but the one along the view where the camera looks
+    from below the box's top.
+
+    Args:
+        capture: the view, whose robot mask hides too.
+        scene: its K points, and which pixels show them.
+        target_mask: (K,) bool, the target's points.
+        box: the target's.
+
+    Returns:
+        What is hidden.
     """
     known = [True, True]
     cut = False
-    if scene.shape is not None and scene.T_base_camera is not None:
-        window = _window(capture, scene, own)
-        if window is not None:
-            cut, edges = _edges(window, scene, box)
-            for axis in edges:
-                known[axis] = False
-    eye = scene.camera_position_m
-    if eye is not None:
-        along = invert(box.T_base_box)[:3, :3] @ (box.T_base_box[:3, 3] - eye)
-        if eye[2] < box.T_base_box[2, 3] + box.dimensions_m[2] / 2 + _NEARER_M:
+    window = scene.target_window(target_mask, _REACH_PX)
+    if window is not None and scene.T_base_camera is not None:
+        sides = _sides(window, _depths(window, scene.T_base_camera, capture.robot_mask))
+        cut = sides.cut
+        for axis in _hidden_edges(sides, scene.T_base_camera, box):
+            known[axis] = False
+    camera = scene.camera_position_m
+    if camera is not None:
+        along = invert(box.T_base_box)[:3, :3] @ (box.T_base_box[:3, 3] - camera)
+        if camera[2] < box.T_base_box[2, 3] + box.dimensions_m[2] / 2 + _NEARER_M:
             known[int(np.argmax(np.abs(along[:2])))] = False
     return Truncation((known[0], known[1]), cut)
 
 
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """The image round the target: own (h, w), depth (h, w) with inf for none, points, offset."""
-
-    own: NDArray[np.bool_]
-    depth: NDArray[np.float32]
-    points: NDArray[np.float32]
-    open_sides: tuple[bool, bool, bool, bool]
-
-
-def _window(capture: Capture, scene: Scene, own: NDArray[np.bool_]) -> _Window | None:
-    assert scene.shape is not None
-    height, width = scene.shape
-    seen = scene.voxel_of_above >= 0
-    seen[seen] = own[scene.voxel_of_above[seen]]
-    rows = scene.pixels[scene.above[seen]]
-    if len(rows) == 0:
-        return None
-    v, u = np.divmod(rows, width)
-    v0, v1 = max(int(v.min()) - _REACH_PX, 0), min(int(v.max()) + _REACH_PX + 1, height)
-    u0, u1 = max(int(u.min()) - _REACH_PX, 0), min(int(u.max()) + _REACH_PX + 1, width)
-    mask = np.zeros((v1 - v0, u1 - u0), dtype=bool)
-    mask[v - v0, u - u0] = True
-    # Rows of the view are in pixel order, so each image row is a slice of them.
-    points = np.full((*mask.shape, 3), np.nan, dtype=np.float32)
-    starts = (np.arange(v0, v1, dtype=np.int32) * width + u0).astype(np.int32)
-    firsts = np.searchsorted(scene.pixels, starts).tolist()
-    lasts = np.searchsorted(scene.pixels, starts + np.int32(u1 - u0)).tolist()
-    for row, (start, first, last) in enumerate(zip(starts, firsts, lasts, strict=True)):
-        points[row, scene.pixels[first:last] - start] = scene.source_points[first:last]
-    points = transform(scene.T_base_source, points)
-    assert scene.T_base_camera is not None
-    forward = scene.T_base_camera[:3, 2].astype(np.float32)
-    depth = (points - scene.T_base_camera[:3, 3].astype(np.float32)) @ forward
+def _depths(
+    window: TargetWindow, T_base_camera: Floats, robot_mask: NDArray[np.bool_] | None
+) -> NDArray[np.float32]:
+    """(h, w) m along the optical axis, inf where it is missing."""
+    forward = T_base_camera[:3, 2].astype(np.float32)
+    depth = (window.points_m - T_base_camera[:3, 3].astype(np.float32)) @ forward
     depth = np.where(np.isnan(depth), np.float32(np.inf), depth)
-    if capture.robot_mask is not None:  # the arm is nearer than what it hides
-        depth[capture.robot_mask.reshape(height, width)[v0:v1, u0:u1]] = 0.0
-    return _Window(mask, depth, points, (u0 == 0, u1 == width, v0 == 0, v1 == height))
+    if robot_mask is not None:  # the arm is nearer than what it hides
+        depth[robot_mask[window.rows, window.columns]] = 0.0
+    return depth
 
 
-def _edges(window: _Window, scene: Scene, box: Box) -> tuple[bool, list[int]]:
-    """Whether the border cuts the target, and the axis of each hidden edge."""
-    own, depth = window.own, window.depth
-    ends, beyond, cut = [], [], False
-    for way, open_side in zip(_STEPS, window.open_sides, strict=True):
-        end, nearer, border = _scan_side(own, depth, way, open_side)
-        ends.append(end)
-        beyond.append(nearer | border)
-        cut = cut or int(np.count_nonzero(border)) >= _LEAST_PX
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """The target's pixels that end on each side of the image, in the order of `_STEPS`.
+
+    Attributes:
+        window: the image round the target.
+        ends: (h, w) bool a side, pixels that end there.
+        beyond: (h, w) bool a side, those where a nearer thing or the border is next.
+        cut: whether the image border cuts the target.
+    """
+
+    window: TargetWindow
+    ends: tuple[NDArray[np.bool_], ...]
+    beyond: tuple[NDArray[np.bool_], ...]
+    cut: bool
+
+
+def _sides(window: TargetWindow, depth: NDArray[np.float32]) -> _Sides:
+    scanned = [
+        _scan_side(window.target_mask, depth, step, open_side)
+        for step, open_side in zip(_STEPS, window.open_sides, strict=True)
+    ]
+    return _Sides(
+        window,
+        ends=tuple(ends for ends, _, _ in scanned),
+        beyond=tuple(nearer | border for _, nearer, border in scanned),
+        cut=any(int(np.count_nonzero(border)) >= _LEAST_PX for _, _, border in scanned),
+    )
+
+
+def _hidden_edges(sides: _Sides, T_base_camera: Floats, box: Box) -> list[int]:
+    """The axis, 0 or 1, of each hidden edge."""
+    target_mask = sides.window.target_mask
     T_box_base = invert(box.T_base_box)
-    local = transform(T_box_base, window.points)
+    local = transform(T_box_base, sides.window.points_m)
+    view = T_box_base[:3, :3] @ (box.T_base_box[:3, 3] - T_base_camera[:3, 3])
     found = []
-    assert scene.T_base_camera is not None
-    view = T_box_base[:3, :3] @ (box.T_base_box[:3, 3] - scene.T_base_camera[:3, 3])
     for axis in (0, 1):
         for side in (-1, 1):
-            step = _image_step(scene.T_base_camera, side * box.T_base_box[:3, axis])
             with np.errstate(invalid="ignore"):
                 at_edge = local[..., axis] * side > box.dimensions_m[axis] / 2 - _EDGE_BAND_M
-            end = ends[step] & at_edge
-            inside = box.dimensions_m[axis] / 2 - local[own & at_edge][:, axis] * side
-            if _is_face(inside):
+            band = local[target_mask & at_edge]
+            if _is_face(box.dimensions_m[axis] / 2 - band[:, axis] * side):
                 continue
-            low = box.dimensions_m[2] / 2 - _BELOW_TOP_M
-            wall = np.count_nonzero(local[own & at_edge][:, 2] < low)
+            wall = np.count_nonzero(band[:, 2] < box.dimensions_m[2] / 2 - _BELOW_TOP_M)
             if side * view[axis] < -_FACING * np.hypot(view[0], view[1]) and wall >= _WALL_PX:
                 continue  # the face towards the camera is seen below the top
-            if _is_hidden(end, ends[step], beyond[step]):
+            step = _image_step(T_base_camera, side * box.T_base_box[:3, axis])
+            if _is_hidden(sides.ends[step] & at_edge, sides.ends[step], sides.beyond[step]):
                 found.append(axis)
-    return cut, found
+    return found
 
 
 def _is_face(depths_m: Points) -> bool:
@@ -178,30 +186,35 @@ def _image_step(T_base_camera: Floats, outward: Floats) -> int:
 
 
 def _scan_side(
-    own: NDArray[np.bool_], depth: NDArray[np.float32], step: tuple[int, int], at_border: bool
+    target_mask: NDArray[np.bool_],
+    depth: NDArray[np.float32],
+    step: tuple[int, int],
+    open_side: bool,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Own pixels that end to one side; those where a nearer thing is next; those at the border."""
+    """The target's pixels that end to one side; those of them where a nearer thing is next; those
+    at the image's border, where the window ends with it.
+    """
     dv, du = step
     reach = _REACH_PX
-    padded = np.pad(own, reach)
+    padded = np.pad(target_mask, reach)
     deep = np.pad(depth, reach, constant_values=np.inf)
-    h, w = own.shape
+    h, w = target_mask.shape
 
     def shifted(array: Array, k: int) -> Array:
         return array[reach + dv * k : reach + dv * k + h, reach + du * k : reach + du * k + w]
 
-    ends = own.copy()
+    ends = target_mask.copy()
     for k in range(1, reach + 1):  # a hole in the depth is no end
         ends &= ~shifted(padded, k).astype(bool)
-    nearer = np.zeros_like(own)
-    decided = np.zeros_like(own)
+    nearer = np.zeros_like(target_mask)
+    decided = np.zeros_like(target_mask)
     for k in range(1, reach + 1):
         other = shifted(deep, k)
         has = np.isfinite(other) & ~decided
         nearer |= has & (other < depth - _NEARER_M)
         decided |= has
-    border = np.zeros_like(own)
-    if at_border:
-        rim = {(0, -1): border[:, :2], (0, 1): border[:, -2:], (-1, 0): border[:2]}
-        rim.get(step, border[-2:])[:] = True
+    border = np.zeros_like(target_mask)
+    if open_side:
+        rims = (np.s_[:, :_RIM_PX], np.s_[:, -_RIM_PX:], np.s_[:_RIM_PX], np.s_[-_RIM_PX:])
+        border[rims[_STEPS.index(step)]] = True
     return ends, ends & nearer, ends & border

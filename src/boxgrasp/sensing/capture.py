@@ -167,7 +167,7 @@ class Capture:
         """Whether the camera's place relative to the points is known, so free space can be."""
         return self.cloud_frame == "optical" or self.T_base_camera is not None
 
-    def valid_points(self, step: int = 1) -> tuple[Points, Pixels]:
+    def valid_points(self) -> tuple[Points, Pixels]:
         """All points but missing ones and the robot's.
 
         Returns:
@@ -179,7 +179,7 @@ class Capture:
             CaptureError: the capture holds neither depth nor points.
         """
         if self.depth is not None and self.intrinsics is not None:
-            return _depth_points(self.depth, self.intrinsics, self.robot_mask, step)
+            return _depth_points(self.depth, self.intrinsics, self.robot_mask)
         if self.points is None:
             raise CaptureError("capture holds neither depth nor points")
         keep = np.ones(len(self.points), bool)
@@ -187,10 +187,6 @@ class Capture:
             keep = ~np.isnan(self.points[:, 2])
         if self.robot_mask is not None:
             keep &= ~self.robot_mask.reshape(-1)
-        if self.cloud_shape is not None and step > 1:
-            thin = np.zeros(self.cloud_shape, bool)
-            thin[::step, ::step] = True
-            keep &= thin.reshape(-1)
         if keep.all():
             points, pixels = self.points, np.arange(len(keep), dtype=np.int32)
         else:
@@ -221,13 +217,13 @@ class Capture:
 
 
 def _depth_points(
-    depth: Points, intrinsics: Floats, robot_mask: Bools | None, step: int
+    depth: Points, intrinsics: Floats, robot_mask: Bools | None
 ) -> tuple[Points, Pixels]:
     from boxgrasp.kernels.backproject import backproject  # numba, only where it is used
 
-    count = int(np.count_nonzero(depth[::step, ::step]))
+    count = int(np.count_nonzero(depth))
     points, pixels = np.empty((count, 3), np.float32), np.empty(count, np.int32)
     dropped = robot_mask if robot_mask is not None else readonly(np.zeros((0, 0), bool))
     (fx, _, cx), (_, fy, cy) = intrinsics[:2].tolist()
-    count = backproject(depth, fx, fy, cx, cy, dropped, step, points, pixels)
+    count = backproject(depth, fx, fy, cx, cy, dropped, points, pixels)
     return readonly(points[:count]), readonly(pixels[:count])

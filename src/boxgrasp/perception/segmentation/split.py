@@ -25,109 +25,117 @@ from boxgrasp.kernels.plan import (
     plan_grid,
     smooth_cells,
 )
+from boxgrasp.perception.segmentation.clusters import Clusters, rows_by_cluster
+from boxgrasp.perception.segmentation.euclidean import euclidean_clusters
+from boxgrasp.perception.segmentation.protocol import SegmentationConfig
+from boxgrasp.sensing.sensor_model import FOCAL_PX
 
-_CELL_M = 0.004
-_MOST_CELL_M = 0.010
+Patches = NDArray[np.int64]  # of the cells of a plan, from 0, -1 for none
+
+# Found on cast scenes of the thesis's objects, unless said otherwise.
+_CELL_M = 0.004  # m, edge of a cell of the plan
+_MOST_CELL_M = 0.010  # m, to which it grows with the distance: a can is 7 cm wide
 _GAP_CELLS = 1.25  # a cell holds at least so many rows of pixels
-_STEP_M = 0.008
-_TINT_STEP = 0.10
+_LEAST_OVER_M = 0.05  # m, height of the camera over a top under which rows say nothing
+_STEP_M = 0.008  # m, between neighboring cells from which a top steps
+_TINT_STEP = 0.10  # sum of differences of the three shares of color
+_LEAST_BRIGHTNESS = 30.0  # of 3 x 255: darker colors are noise
 _RAGGED = 3  # neighbors of a smooth cell that may be missing or a step away
-_LEAST_M2 = 0.0005  # smooth ground of a thing of its own
+_LEAST_M2 = 0.0005  # m2, smooth ground of a thing of its own: 2.2 cm squared
 _BROAD = 3  # cells from its middle to its rim at least
 _ENCLOSED = 0.42  # share of its outline on a neighbor from which a patch is part of it
 _EVEN_SHARE = 0.8  # of the smooth ground in large patches of one color, for color to count
-_EVEN_TINT = 0.012
-_OVERLAP = 0.3
+_EVEN_TINT = 0.012  # standard deviation of a share of color up to which a patch has one color
+_OVERLAP = 0.3  # share of the smaller of two outlines from which they overlap
 _NOTCHED = 0.86  # parts must fill their outlines this much better than the whole
-_CONVEX = 0.90
-_LEVEL_M = 0.005  # from the middle height to the 90 % one, up to which a top is level
-
-Labels = NDArray[np.int64]
+_CONVEX = 0.90  # share of its hull that a part fills at least
+_LEVEL_M = 0.005  # m, from the middle height to the 90 % one, up to which a top is level
 
 
 def split_clusters(
-    points: Points, labels: Labels, colors: Points | None, eye: Floats | None
-) -> Labels:
-    """Labels (K,) with clusters parted; new ones get new numbers, -1 stays.
+    points: Points,
+    colors: Points | None,
+    camera_position_m: Floats | None,
+    config: SegmentationConfig,
+) -> Clusters:
+    """Euclidean clusters, those of several things parted.
 
-    points: (K, 3) float32 in the table frame (z = 0 on the plane); colors: (K, 3) of 0..255 with
-    NaN where unknown, or None; eye: (3,) camera position there, or None.
+    Args:
+        points: (K, 3) float32, table frame (z = 0 on the plane), m.
+        colors: (K, 3) float32, 0 to 255, NaN where unknown; None without any.
+        camera_position_m: (3,) table frame, m, or None where it is unknown.
+        config: the settings.
+
+    Returns:
+        (K,) int64 cluster ids, -1 for specks; a part keeps its cluster's id, others get new ones.
     """
-    parted = labels.copy()
+    clusters = euclidean_clusters(points, colors, camera_position_m, config)
+    parted = clusters.copy()
     tints = _tints(points, colors)
-    following = int(labels.max(initial=-1)) + 1
-    order = by_label(labels)
-    edges = np.searchsorted(labels[order], np.arange(following + 1))
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
-        rows = order[start:stop]
+    following = int(clusters.max(initial=-1)) + 1
+    for rows in rows_by_cluster(clusters):
         if len(rows) < 2 * _LEAST_M2 / _CELL_M**2:
             continue
-        own = np.ascontiguousarray(points[rows])
+        cluster = np.ascontiguousarray(points[rows])
         cell_m = _CELL_M
-        if eye is not None:
-            cell_m = max(cell_m, _GAP_CELLS * _row_gap_m(own, eye))
-        pieces = _pieces(own, np.ascontiguousarray(tints[rows]), cell_m)
+        if camera_position_m is not None:
+            cell_m = max(cell_m, _GAP_CELLS * _row_gap_m(cluster, camera_position_m))
+        pieces = _pieces(cluster, np.ascontiguousarray(tints[rows]), cell_m)
         for piece in range(1, int(pieces.max()) + 1):
             parted[rows[pieces == piece]] = following
             following += 1
     return parted
 
 
-def by_label(labels: Labels) -> Labels:
-    """Rows in rising order of their label; 16 bits sort by radix, five times faster."""
-    small = len(labels) == 0 or int(labels.max()) < 1 << 15
-    return np.argsort(labels.astype(np.int16) if small else labels, kind="stable")
-
-
-def _row_gap_m(points: Points, eye: Floats) -> float:
-    """How far apart the rows of a 525 px camera fall on a level top of these points."""
+def _row_gap_m(points: Points, camera_position_m: Floats) -> float:
+    """How far apart the camera's rows of pixels fall on a level top of these points."""
     middle = points.mean(axis=0, dtype=np.float64)
-    away = float(np.sum((middle - eye) ** 2))
-    over = max(float(eye[2] - points[:, 2].max()), 0.05)
-    return min(away / (525.0 * over), _MOST_CELL_M / _GAP_CELLS)
+    away = float(np.sum((middle - camera_position_m) ** 2))
+    over = max(float(camera_position_m[2] - points[:, 2].max()), _LEAST_OVER_M)
+    return min(away / (FOCAL_PX * over), _MOST_CELL_M / _GAP_CELLS)
 
 
 def _tints(points: Points, colors: Points | None) -> Points:
     """(K, 3) shares of red, green and blue: what shading leaves as it is."""
     if colors is None:
         return np.full((len(points), 3), np.nan, dtype=np.float32)
-    shares = colors / np.maximum(colors.sum(axis=1, keepdims=True), 30.0)
+    shares = colors / np.maximum(colors.sum(axis=1, keepdims=True), _LEAST_BRIGHTNESS)
     return np.asarray(shares, dtype=np.float32)
 
 
-def _pieces(points: Points, tints: Points, cell_m: float) -> Labels:
+def _pieces(points: Points, tints: Points, cell_m: float) -> Patches:
     """(N,) piece of each point of one cluster, from 0."""
     top, tint, cells = plan_grid(points, tints, cell_m)
     least = round(_LEAST_M2 / cell_m**2)
     inside = np.isfinite(top)
     ground = _ground(top, tint, np.inf, least)
-    label = np.where(inside, 0, -1)
+    patch_of = np.where(inside, 0, -1)
     if ground.max() > 0:
-        label = _joined(grow(ground, inside), *_tops(ground, top))
+        patch_of = _joined(grow(ground, inside), *_tops(ground, top))
     if np.isfinite(tint).any() and not _plain(tint):
         colored = _ground(top, tint, _TINT_STEP, least)
         if colored.max() > 0 and _even(colored, ground, tint):
             ground = colored
             always = np.ones(int(colored.max()) + 1, dtype=bool)
-            label = _joined(grow(colored, inside), always, always.astype(np.float64))
-    label = _cut_necks(_apart(label), least)
-    pieces = np.maximum(label[cells[:, 0], cells[:, 1]], 0)
-    if label.max() > 0:
+            patch_of = _joined(grow(colored, inside), always, always.astype(np.float64))
+    patch_of = _cut_necks(_apart(patch_of), least)
+    pieces = np.maximum(patch_of[cells[:, 0], cells[:, 1]], 0)
+    if patch_of.max() > 0:
         rough = ground[cells[:, 0], cells[:, 1]] < 0
         if rough.any() and not rough.all():
             _give_to_nearest(points, pieces, rough)
     return pieces
 
 
-def _ground(top: Points, tint: Points, tint_step: float, least: int) -> Labels:
+def _ground(top: Points, tint: Points, tint_step: float, least: int) -> Patches:
     """(nx, ny) patch of each smooth cell, from 0; -1 where a wall's noise or a scrap is."""
     smooth = smooth_cells(top, tint, _STEP_M, tint_step, _RAGGED)
-    label = patches(smooth, top, tint, _STEP_M, tint_step)
-    broad = np.bincount(label[smooth], minlength=1) >= least
+    patch_of = patches(smooth, top, tint, _STEP_M, tint_step)
+    broad = np.bincount(patch_of[smooth], minlength=1) >= least
     for k in np.flatnonzero(broad).tolist():  # a wall seen aslant is long, but no ground to stand
-        broad[k] = inward(filled(label == k)).max() >= _BROAD
+        broad[k] = inward(filled(patch_of == k)).max() >= _BROAD
     names = np.where(broad, np.cumsum(broad) - 1, -1)
-    return np.where(smooth, names[np.maximum(label, 0)], -1)
+    return np.where(smooth, names[np.maximum(patch_of, 0)], -1)
 
 
 def _plain(tint: Points) -> bool:
@@ -135,13 +143,13 @@ def _plain(tint: Points) -> bool:
     return float(np.nanstd(tint, axis=(0, 1)).max()) <= _EVEN_TINT
 
 
-def _give_to_nearest(points: Points, pieces: Labels, rough: NDArray[np.bool_]) -> None:
+def _give_to_nearest(points: Points, pieces: Patches, rough: NDArray[np.bool_]) -> None:
     """Points off the smooth ground, a wall's mostly, join the nearest one's piece in space."""
     held = np.flatnonzero(~rough)
     pieces[rough] = pieces[held[nearest(points[rough], points[held])]]
 
 
-def _even(colored: Labels, ground: Labels, tint: Points) -> bool:
+def _even(colored: Patches, ground: Patches, tint: Points) -> bool:
     """Whether nearly all smooth ground lies in patches of one plain color each."""
     even = 0
     for k in range(int(colored.max()) + 1):
@@ -151,14 +159,14 @@ def _even(colored: Labels, ground: Labels, tint: Points) -> bool:
     return even > 0 and even >= _EVEN_SHARE * int(np.count_nonzero(ground >= 0))
 
 
-def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def _tops(patch_of: Patches, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Whether each patch is level, and its middle height."""
-    inside = label >= 0
+    inside = patch_of >= 0
     if not inside.any():
         return np.zeros(1, dtype=bool), np.zeros(1)
-    patch, height = label[inside], top[inside]
+    patch, height = patch_of[inside], top[inside]
     order = np.lexsort((height, patch))
-    edges = np.searchsorted(patch[order], np.arange(int(label.max()) + 2))
+    edges = np.searchsorted(patch[order], np.arange(int(patch.max()) + 2))
     sizes = np.diff(edges) - 1
     middle, high = (
         height[order[edges[:-1] + (share * sizes).astype(np.int64)]] for share in (0.5, 0.9)
@@ -166,32 +174,19 @@ def _tops(label: Labels, top: Points) -> tuple[NDArray[np.bool_], NDArray[np.flo
     return high - middle <= _LEVEL_M, middle.astype(np.float64)
 
 
-def _joined(label: Labels, level: NDArray[np.bool_], height: NDArray[np.float64]) -> Labels:
+def _joined(patch_of: Patches, level: NDArray[np.bool_], height: NDArray[np.float64]) -> Patches:
     """Patches with enclosed ones and unlevel steps given to their main neighbor."""
-    count = int(label.max()) + 1
+    count = int(patch_of.max()) + 1
     if count < 2:
-        return label
-    table = borders(label, count)
+        return patch_of
+    table = borders(patch_of, count)
     owner = np.arange(count)
     alive = list(range(count))
     while len(alive) > 1:
-        best = None
-        for a in alive:
-            area = int(table[a, a])
-            sides = table[a].copy()
-            sides[a] = 0
-            outline = int(sides.sum())
-            sides[count] = 0
-            b = int(np.argmax(sides))
-            if sides[b] == 0:
-                continue
-            enclosed = sides[b] > _ENCLOSED * outline and area <= table[b, b]
-            lower = a if height[a] < height[b] else b
-            if (enclosed or not level[lower]) and (best is None or (area, a) < best[:2]):
-                best = (area, a, b)
-        if best is None:
+        pair = _pair_to_join(table, alive, level, height)
+        if pair is None:
             break
-        _, a, b = best
+        a, b = pair
         area = table[a, a] + table[b, b]
         table[b] += table[a]
         table[:, b] += table[:, a]
@@ -202,52 +197,81 @@ def _joined(label: Labels, level: NDArray[np.bool_], height: NDArray[np.float64]
         alive.remove(a)
     names = np.full(count, -1, dtype=np.int64)
     names[alive] = np.arange(len(alive))
-    return np.where(label >= 0, names[owner[np.maximum(label, 0)]], -1)
+    return np.where(patch_of >= 0, names[owner[np.maximum(patch_of, 0)]], -1)
 
 
-def _apart(label: Labels) -> Labels:
+def _pair_to_join(
+    table: NDArray[np.int64],
+    alive: list[int],
+    level: NDArray[np.bool_],
+    height: NDArray[np.float64],
+) -> tuple[int, int] | None:
+    """The smallest patch that its main neighbor encloses or steps off, and that neighbor."""
+    best = None
+    outside = len(table) - 1
+    for a in alive:
+        area = int(table[a, a])
+        sides = table[a].copy()
+        sides[a] = 0
+        outline = int(sides.sum())
+        sides[outside] = 0
+        b = int(np.argmax(sides))
+        if sides[b] == 0:
+            continue
+        enclosed = sides[b] > _ENCLOSED * outline and area <= table[b, b]
+        lower = a if height[a] < height[b] else b
+        if (enclosed or not level[lower]) and (best is None or (area, a) < best[:2]):
+            best = (area, a, b)
+    return None if best is None else best[1:]
+
+
+def _apart(patch_of: Patches) -> Patches:
     """Patches whose outlines overlap are one: a bowl's floor lies within its rim."""
-    label = label.copy()
+    patch_of = patch_of.copy()
     a = 0
-    while a <= label.max():
-        for b in range(a + 1, int(label.max()) + 1):
-            hulls = [hull_area(label == k) for k in (a, b)]
-            both = hull_area((label == a) | (label == b))
+    while a <= patch_of.max():
+        for b in range(a + 1, int(patch_of.max()) + 1):
+            hulls = [hull_area(patch_of == k) for k in (a, b)]
+            both = hull_area((patch_of == a) | (patch_of == b))
             # Two convex outlines side by side span at least the sum of their areas.
             if sum(hulls) - both > _OVERLAP * min(hulls):
-                label[label == b] = a
-                label[label > b] -= 1
+                patch_of[patch_of == b] = a
+                patch_of[patch_of > b] -= 1
                 a = -1
                 break
         a += 1
-    return label
+    return patch_of
 
 
-def _cut_necks(label: Labels, least: int) -> Labels:
+def _cut_necks(patch_of: Patches, least: int) -> Patches:
     """Patches whose outline is notched are cut at the neck, if both parts come out convex."""
-    following = int(label.max()) + 1
+    following = int(patch_of.max()) + 1
     for patch in range(following):
-        inside = label == patch
-        whole = hull_area(inside)
-        if np.count_nonzero(inside) < 2 * least or np.count_nonzero(inside) > _NOTCHED * whole:
+        part = _part_past_neck(patch_of == patch, least)
+        if part is not None:
+            patch_of = np.where(part, following, patch_of)
+            following += 1
+    return patch_of
+
+
+def _part_past_neck(inside: NDArray[np.bool_], least: int) -> NDArray[np.bool_] | None:
+    """The cells of a patch on one side of its neck; None where it is not to be cut.
+
+    Rims are taken off until the core falls apart, and the cores grown again over the patch.
+    """
+    whole = hull_area(inside)
+    if np.count_nonzero(inside) < 2 * least or np.count_nonzero(inside) > _NOTCHED * whole:
+        return None
+    steps = inward(inside)
+    flat = np.zeros((*steps.shape, 3), dtype=np.float32)
+    for width in range(1, int(steps.max())):
+        cores = patches(steps > width, flat[..., 0].copy(), flat, 1.0, np.inf)
+        if cores.max() < 1:
             continue
-        steps = inward(inside)
-        for width in range(1, int(steps.max())):
-            flat = np.zeros((*steps.shape, 3), dtype=np.float32)
-            cores = patches(steps > width, flat[..., 0].copy(), flat, 1.0, np.inf)
-            if cores.max() < 1:
-                continue
-            parts = grow(cores, inside)
-            sizes = np.bincount(parts[parts >= 0])
-            hulls = [hull_area(parts == k) for k in range(len(sizes))]
-            convex = all(s >= _CONVEX * h for s, h in zip(sizes, hulls, strict=True))
-            if (
-                len(sizes) == 2
-                and sizes.min() >= least
-                and convex
-                and sum(hulls) < _NOTCHED * whole
-            ):
-                label = np.where(parts == 1, following, label)
-                following += 1
-            break
-    return label
+        parts = grow(cores, inside)
+        sizes = np.bincount(parts[parts >= 0])
+        hulls = [hull_area(parts == k) for k in range(len(sizes))]
+        convex = all(s >= _CONVEX * h for s, h in zip(sizes, hulls, strict=True))
+        cut = len(sizes) == 2 and sizes.min() >= least and convex
+        return parts == 1 if cut and sum(hulls) < _NOTCHED * whole else None
+    return None

@@ -1,0 +1,117 @@
+"""From a view to the objects on their support plane (appendix A)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Points, readonly
+from boxgrasp.errors import SceneError
+from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.perception.numbering import cluster_middles, number_objects
+from boxgrasp.perception.over_plane import (
+    NOTHING,
+    downsampled,
+    inliers,
+    points_over,
+    voxel_colors,
+)
+from boxgrasp.perception.placement import Placement, place_view
+from boxgrasp.perception.scene import Scene, ShownPoints
+from boxgrasp.perception.scene_config import SceneConfig
+from boxgrasp.perception.segmentation import segmentation_named
+from boxgrasp.perception.segmentation.clusters import Clusters
+from boxgrasp.perception.support_plane import patch_over
+from boxgrasp.perception.view import View, scan_views, seen_points
+from boxgrasp.sensing.capture import Capture, Pixels
+
+
+def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
+    """Find the support plane, the points over it and the objects on it.
+
+    Args:
+        capture: the view.
+        scans: further views of the same scene, each with its pose, fused into the same voxels.
+        config: how objects are found.
+
+    Returns:
+        The scene.
+
+    Raises:
+        SceneError: no support plane, nothing on it, or a scan whose place is unknown.
+    """
+    # 1. The plane that carries the objects, and with it every frame.
+    points, pixels = seen_points(capture)
+    placement = place_view(capture, points, config.max_range_m)
+    T_base_source, T_base_camera = placement.T_base_source, placement.T_base_camera
+    view = View(points, pixels, capture.shape, T_base_source, T_base_camera)
+    views = (view, *scan_views(scans))
+    # 2. What stands over it, in voxels of the table's own frame.
+    places = [invert(placement.T_source_table)]
+    places += [invert(placement.T_base_table) @ scan.T_base_source for scan in views[1:]]
+    over = [
+        points_over(seen.points, T, placement.camera_position_table_m(seen.T_base_camera), config)
+        for seen, T in zip(views, places, strict=True)
+    ]
+    voxels = downsampled(np.vstack([found for found, _ in over]), config.voxel_m)
+    shown = pixels[over[0][1]]
+    voxel_of = voxels.voxel_of[: len(shown)]
+    # 3. Which of them belong together, outliers left out.
+    colors = _voxel_colors(capture, shown, voxel_of, len(voxels.centroids))
+    clusters = _clusters(voxels.centroids, colors, placement, config)
+    # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
+    middles = cluster_middles(voxels.centroids, clusters)
+    over_table = patch_over(points, placement.T_source_table, middles)
+    points_base = transform(placement.T_base_table, voxels.centroids)
+    camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
+    numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
+    if not objects:
+        raise SceneError(NOTHING)
+    kept = clusters >= 0
+    return Scene(
+        points=readonly(np.ascontiguousarray(points_base[kept])),
+        object_numbers=readonly(numbers[kept]),
+        clusters=readonly(clusters[kept]),
+        objects=objects,
+        plane=placement.plane.moved(T_base_source),
+        frame=placement.frame,
+        T_base_camera=T_base_camera,
+        T_base_table=placement.T_base_table,
+        views=views,
+        _shown=_shown_points(shown, voxel_of, kept),
+    )
+
+
+def _voxel_colors(
+    capture: Capture, shown: Pixels, voxel_of: NDArray[np.int64], count: int
+) -> Points | None:
+    """(V, 3) mean color of each voxel; None without colors."""
+    flat = capture.rgb.reshape(-1, 3) if capture.rgb is not None else capture.colors
+    return None if flat is None else voxel_colors(flat[shown], voxel_of, count)
+
+
+def _clusters(
+    centroids: Points, colors: Points | None, placement: Placement, config: SceneConfig
+) -> Clusters:
+    """(V,) cluster of each voxel, -1 for outliers and what the segmentation leaves out."""
+    camera_position_m = placement.camera_position_table_m(placement.T_base_camera)
+    kept = inliers(centroids, camera_position_m, config)
+    clusters = np.full(len(centroids), -1, dtype=np.int64)
+    segmented = segmentation_named(config.segmentation)
+    clusters[kept] = segmented(
+        np.ascontiguousarray(centroids[kept]),
+        None if colors is None else colors[kept],
+        camera_position_m,
+        config,
+    )
+    return clusters
+
+
+def _shown_points(
+    shown: Pixels, voxel_of: NDArray[np.int64], kept: NDArray[np.bool_]
+) -> ShownPoints:
+    """Which kept voxel each pixel shows, but those whose voxel was left out."""
+    rows = np.where(kept, np.cumsum(kept) - 1, -1)[voxel_of]
+    return ShownPoints(readonly(shown[rows >= 0]), readonly(rows[rows >= 0]))

@@ -1,0 +1,166 @@
+"""What stands over the support plane, in voxels of the table's own frame (appendix A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Floats, Points
+from boxgrasp.errors import SceneError
+from boxgrasp.kernels._threads import run_chunks
+from boxgrasp.kernels.above import above_plane
+from boxgrasp.kernels.cells import Neighbors, voxel_centroids
+from boxgrasp.perception.scene_config import SceneConfig
+from boxgrasp.sensing.sensor_model import (
+    FOCAL_PX,
+    NOISE_FLOOR_M,
+    NOISE_GROWTH_PER_M,
+    NOISE_LEAST_AT_M,
+)
+
+NOTHING = "nothing stands on the support plane; valid: at least one object in view"
+
+_OBSTACLES_BEYOND_M = 0.6  # past max_range_m, from where a thing may still be in a hand's way
+_EVERYWHERE_M = 1e6  # a range that leaves out nothing
+_UNKNOWN_NOISE_M = 0.002  # the axial noise at 1.05 m, where the camera's place is unknown
+_MOST_VOXELS = 1_000_000  # bounds memory and time; a table full of things has 50,000
+_FARTHEST_M = 1000.0  # cells are numbered in 21 bits
+_REACH = 2.4  # spacings of the points within which neighbors are looked for; farther count as so
+_LEAST_LIMIT = 1.5  # of the median: an even surface has next to no deviation to trim by
+_MEASURED_CELLS = 8  # every so many cells tell what is usual
+
+
+@dataclass(frozen=True, eq=False)
+class Voxels:
+    """Points downsampled to a centroid a voxel.
+
+    Attributes:
+        centroids: (V, 3) float32, table frame, m.
+        voxel_of: (P,) int64, the voxel of each point.
+    """
+
+    centroids: Points
+    voxel_of: NDArray[np.int64]
+
+
+def points_over(
+    points: Points, T_table_source: Floats, camera_position_m: Floats | None, config: SceneConfig
+) -> tuple[Points, NDArray[np.int32]]:
+    """The points over the plane, out of the table's noise.
+
+    Args:
+        points: (N, 3) float32, source frame, m.
+        T_table_source: (4, 4).
+        camera_position_m: (3,) table frame, m, or None where it is unknown.
+        config: heights and ranges.
+
+    Returns:
+        (P, 3) float32, table frame, m, and (P,) int32 their rows, rising.
+    """
+    if camera_position_m is None:
+        origin, farthest_m = np.zeros(3), _EVERYWHERE_M
+        band_m, noise_gain = config.min_height_m + config.noise_gain * _UNKNOWN_NOISE_M, 0.0
+    else:
+        origin, farthest_m = camera_position_m, config.max_range_m + _OBSTACLES_BEYOND_M
+        band_m, noise_gain = config.min_height_m, config.noise_gain
+    noise = (NOISE_FLOOR_M, NOISE_GROWTH_PER_M, NOISE_LEAST_AT_M)
+    parts: list[tuple[int, Points, NDArray[np.int32]]] = []
+
+    def work(first: int, last: int) -> None:
+        found = np.empty((last - first, 3), dtype=np.float32)
+        rows = np.empty(last - first, dtype=np.int32)
+        count = above_plane(
+            points[first:last], T_table_source, origin, band_m, noise_gain, noise,
+            config.max_height_m, farthest_m, found, rows,
+        )  # fmt: skip
+        parts.append((first, found[:count], rows[:count] + np.int32(first)))
+
+    run_chunks(work, len(points), smallest=50_000)
+    parts.sort(key=lambda part: part[0])
+    return np.vstack([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
+
+
+def downsampled(points: Points, voxel_m: float) -> Voxels:
+    """The centroids of the voxels that hold points.
+
+    Args:
+        points: (P, 3) float32, table frame, m.
+        voxel_m: edge of a voxel, m.
+
+    Returns:
+        The voxels, in the order in which their first points come.
+
+    Raises:
+        SceneError: no points, points too far away to number their voxels, or too many voxels.
+    """
+    if len(points) == 0:
+        raise SceneError(NOTHING)
+    farthest = float(np.abs(points).max())
+    if farthest > _FARTHEST_M:
+        raise SceneError(
+            f"points lie {farthest / 1000:.1f} km from the frame's origin; valid: "
+            f"within {_FARTHEST_M / 1000:g} km"
+        )
+    centroids, voxel_of = voxel_centroids(points, voxel_m)
+    if len(centroids) > _MOST_VOXELS:
+        raise SceneError(
+            f"{len(centroids)} voxels stand over the support plane; valid: up to {_MOST_VOXELS} "
+            "(a smaller scene.max_range_m or a larger scene.voxel_m)"
+        )
+    return Voxels(centroids, voxel_of)
+
+
+def inliers(
+    centroids: Points, camera_position_m: Floats | None, config: SceneConfig
+) -> NDArray[np.bool_]:
+    """Statistical trimming: mean neighbor distance within sigma of the usual, at its range.
+
+    What is usual is measured in every eighth cell; the others are measured only as far as it
+    takes to tell on which side of the limit their points lie.
+
+    Args:
+        centroids: (V, 3) float32, table frame, m.
+        camera_position_m: (3,) table frame, m, or None where it is unknown.
+        config: voxel size and what is trimmed.
+
+    Returns:
+        (V,) bool, False for outliers.
+    """
+    spread = np.full(len(centroids), config.voxel_m, dtype=np.float32)
+    if camera_position_m is not None:  # a farther surface is sampled more thinly
+        off = centroids - camera_position_m.astype(np.float32)
+        range_m = np.sqrt(np.einsum("ij,ij->i", off, off))
+        spread = np.maximum(spread, range_m / np.float32(FOCAL_PX))
+    reach_m = _REACH * float(np.median(spread))
+    neighbors = Neighbors(centroids, config.outlier_nb_neighbors, reach_m)
+    measured = neighbors.means(np.zeros(len(centroids), dtype=np.float32), _MEASURED_CELLS)
+    usual = (measured / spread)[np.isfinite(measured)]
+    limit = float(
+        usual.mean(dtype=np.float64) + config.outlier_std_ratio * usual.std(dtype=np.float64)
+    )
+    limits = np.float32(max(limit, _LEAST_LIMIT * float(np.median(usual)))) * spread
+    return np.asarray(neighbors.means(limits) <= limits)
+
+
+def voxel_colors(
+    colors: NDArray[np.uint8], voxel_of: NDArray[np.int64], count: int
+) -> Points | None:
+    """Mean color of each voxel.
+
+    Args:
+        colors: (P, 3) uint8, of each point.
+        voxel_of: (P,) int64, the voxel of each point.
+        count: number of voxels, V.
+
+    Returns:
+        (V, 3) float32, 0 to 255, NaN where no point was seen; None without points.
+    """
+    if len(voxel_of) == 0:
+        return None
+    hits = np.bincount(voxel_of, minlength=count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.column_stack(
+            [np.bincount(voxel_of, colors[:, k], minlength=count) / hits for k in range(3)]
+        ).astype(np.float32)
