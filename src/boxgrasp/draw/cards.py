@@ -21,7 +21,7 @@ from boxgrasp.draw.palette import (
 from boxgrasp.draw.planar import XY
 from boxgrasp.draw.shapes import Hand
 from boxgrasp.draw.text import Lettering, fit, text_size, wrap
-from boxgrasp.draw.words import look_of, measured, visible_clearance
+from boxgrasp.draw.words import UNMEASURED, look_of, measured, visible_clearance
 from boxgrasp.grasps.candidates import FACES, face_name
 from boxgrasp.grasps.checks.check import spelled
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
@@ -81,7 +81,7 @@ def checks_card(candidate: Candidate, width: int) -> Image:
     Returns:
         An RGB image: name, value and limit of each, those it failed marked and told apart.
     """
-    values, limits = 0.50 * width, 0.80 * width
+    values, limits = 0.48 * width, 0.83 * width
     canvas = blank(width, _HEAD_PX + 8 + _ROW_PX * len(candidate.checks))
     title = f"Checks of candidate {candidate.label}"
     for x, text in ((10, title), (values, "value"), (limits, "limit")):
@@ -101,7 +101,7 @@ def _check_row(
     size = _BODY.size_px
     canvas.text(at, fit(name.replace("_", " "), size, values - x - 22), _PALE)
     if not said.passed:
-        canvas.mark((values - 12, y + 11), Look("square", BLOCKED, "dropped"), 5.5)
+        canvas.mark((values - 12, y + 11), Look("square", BLOCKED, "dropped"), 6.0)
     value = fit(measured(said.value, said.unit), size, limits - values - 6)
     canvas.text((values, y), value, _BODY if said.passed else _ALARM)
     if said.unit is not None:
@@ -217,14 +217,16 @@ def legend_card(selection: Selection, width: int) -> Image:
         An RGB image.
     """
     near, far = 100 * RED_BELOW_M, 100 * GREEN_FROM_M
-    marks = (
+    marks = [
         (Look(SHAPE["green"], CATEGORY["green"]), f"safe: {far:.0f} cm and more clear"),
         (Look(SHAPE["yellow"], CATEGORY["yellow"]), f"feasible: {near:.0f} to {far:.0f} cm clear"),
         (Look(SHAPE["red"], CATEGORY["red"]), f"too close: under {near:.0f} cm"),
         (Look(SHAPE["green"], CATEGORY["green"], "dropped"), "crossed: a check rejects it"),
         (Look(SHAPE["red"], CATEGORY["red"], "wide"), "arrow: too wide, or width unknown"),
-    )
-    canvas = blank(width, 152)
+    ]
+    if any(visible_clearance(candidate) is None for candidate in selection.candidates):
+        marks.append((UNMEASURED, "diamond: clearance not measured"))
+    canvas = blank(width, 12 + 28 * len(marks))
     for k, (look, words) in enumerate(marks):
         canvas.mark((20, 20.0 + 28 * k), look, 8)
         canvas.text((38, 10.0 + 28 * k), words, _BODY)
@@ -245,6 +247,6 @@ def _lines(selection: Selection) -> tuple[tuple[Stroke, str], ...]:
         hand = (Stroke(BLOCKED, 4.0, dash=(8.0, 5.0)), "nearest to passing, rejected")
     else:
         way = Hand(selection.gripper, grasp.T_base_gripper, grasp.T_base_pregrasp).approach_m
-        hand = (Stroke(GRIPPER, 4.0), f"gripper; faint: {spelled(way, 'm')} before")
+        hand = (Stroke(GRIPPER, 4.0), f"gripper; faint: {100 * way:.3g} cm before")
     box = (Stroke(WHITE, 4.0, halo=INK), "box round the target")
     return hand, box, (Stroke(OBSTACLE, 4.0), why)

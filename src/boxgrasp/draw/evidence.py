@@ -23,6 +23,7 @@ from boxgrasp.grasps.checks.width_known import WidthKnown
 from boxgrasp.result import Candidate, Selection
 
 _PATCH_M: Final = 0.02  # round an obstacle's nearest point, so that one sees which thing it is
+_NEAR_M: Final = 0.20
 _DOTS: Final = 150
 _TOUCHES_M: Final = 0.002
 _SAME_PLACE_PX: Final = 14.0
@@ -47,6 +48,13 @@ class Mark:
     on_hand_m: Floats | None = None
     across_m: Floats | None = None
     is_obstacle: bool = False
+
+    @property
+    def is_near(self) -> bool:
+        """Whether its point is so near to the hand that panels should show both."""
+        if self.point_m is None or self.on_hand_m is None:
+            return False
+        return float(np.linalg.norm(self.on_hand_m - self.point_m)) < _NEAR_M
 
 
 def marks_of(selection: Selection) -> tuple[Mark, ...]:
@@ -107,7 +115,7 @@ def dot_obstacles(canvas: Canvas, view: View, points: Points, marks: Iterable[Ma
 
 
 def draw_marks(canvas: Canvas, view: View, selection: Selection, marks: Iterable[Mark]) -> None:
-    """Draw each mark with its words; reasons that name one place share its ring.
+    """Draw each mark, then the words; reasons that name one place share its ring.
 
     Args:
         canvas: the panel.
@@ -120,35 +128,39 @@ def draw_marks(canvas: Canvas, view: View, selection: Selection, marks: Iterable
         return
     radius = 7.0 if selection.refusal is None else 12.0
     rings: list[XY] = []
+    placed: list[tuple[XY | None, str]] = []
     for mark in marks:
-        if mark.point_m is not None and mark.on_hand_m is not None:
-            at = _point(canvas, view, mark, radius, rings)
-        elif mark.across_m is not None:
-            at = _width(canvas, view, mark.across_m)
+        if mark.across_m is not None:
+            at = _draw_width(canvas, view, mark.across_m)
+        elif mark.point_m is not None and mark.on_hand_m is not None:
+            at = _draw_gap(canvas, view, mark.on_hand_m, mark.point_m)
+            if at is not None and all(_apart_px(at, ring) >= _SAME_PLACE_PX for ring in rings):
+                canvas.ring(at, radius, OBSTACLE)
+                canvas.take(at, radius + 3)
+                rings.append(at)
         else:
             at = view.point(shown.T_base_gripper[:3, 3])
+        placed.append((at, mark.words))
+    for at, words in placed:
         if at is not None:
-            canvas.text_beside(at, mark.words, _LETTERING, must=True, away=18)
+            canvas.text_beside(at, words, _LETTERING, must=True, away=18)
 
 
-def _point(canvas: Canvas, view: View, mark: Mark, radius: float, rings: list[XY]) -> XY | None:
-    """A line from the hand to the point, and a ring there; its place, px."""
-    if mark.point_m is None or mark.on_hand_m is None:
-        return None
-    ends = view.segment(mark.on_hand_m, mark.point_m)
+def _draw_gap(canvas: Canvas, view: View, on_hand_m: Floats, point_m: Floats) -> XY | None:
+    """A line from the hand to a point, unless they touch; the point's place, px."""
+    ends = view.segment(on_hand_m, point_m)
     if ends is None:
         return None
-    if float(np.linalg.norm(mark.on_hand_m - mark.point_m)) > _TOUCHES_M:
+    if float(np.linalg.norm(on_hand_m - point_m)) > _TOUCHES_M:
         canvas.line(*ends, Stroke(OBSTACLE, 2.5, halo=BLACK))
-    at = ends[1]
-    if all(np.hypot(at[0] - x, at[1] - y) >= _SAME_PLACE_PX for x, y in rings):
-        canvas.ring(at, radius, OBSTACLE)
-        canvas.take(at, radius + 3)
-        rings.append(at)
-    return at
+    return ends[1]
 
 
-def _width(canvas: Canvas, view: View, across_m: Floats) -> XY | None:
+def _apart_px(a: XY, b: XY) -> float:
+    return float(np.hypot(a[0] - b[0], a[1] - b[1]))
+
+
+def _draw_width(canvas: Canvas, view: View, across_m: Floats) -> XY | None:
     """A dimension line across the target, with its ticks; its middle, px."""
     ends = view.segment(across_m[0], across_m[1])
     if ends is None:

@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 _CAMERA_PX: Final = (908, 681)
-_ABOVE_PX: Final = (652, 600)
-_SIDE_PX: Final = (652, 440)
+_ABOVE_PX: Final = (652, 640)
+_SIDE_PX: Final = (652, 480)
+_CHECKS_PX: Final = 384
 _SLAB_M: Final = 0.30  # before and behind the target, shown from the side
 _LEAST_ABOVE_M: Final = 0.52  # that the view from above shows
 _LEAST_SIDE_M: Final = 0.34
@@ -98,14 +99,13 @@ class _Picture:
         shown = self.selection.shown
         page = Page(headline_of(self.selection), None if shown is None else look_of(shown))
         width = _CAMERA_PX[0]
-        half = (width - MARGIN) // 2
         facts = facts_of(self.selection)
         page.left.append((self._camera(),))
         if shown is None:
             page.left.append((facts_card(facts, width),))
         else:
-            row = (facts_card(facts, width - MARGIN - half), checks_card(shown, half))
-            page.left.append(row)
+            words = facts_card(facts, width - MARGIN - _CHECKS_PX)
+            page.left.append((words, checks_card(shown, _CHECKS_PX)))
         page.left.append((candidates_card(self.selection, width),))
         page.right.append((self._plan("above", _ABOVE_PX, _LEAST_ABOVE_M, "From above"),))
         caption = "From the side (robot on the left)"
@@ -114,24 +114,28 @@ class _Picture:
         return page.finished()
 
     def _camera(self) -> Image:
-        focus = self._focus()[:16]
+        focus = np.vstack(self._things())
         backdrop = camera_panel(self.capture, self.cloud, focus, _CAMERA_PX, self.floor_m)
         return self._panel(backdrop, "camera")
 
     def _plan(self, kind: str, size: tuple[int, int], least_m: float, caption: str) -> Image:
-        view = plan_view(kind, self._focus(), size, least_m)
+        things = self._things()
+        if self.hand is not None and self.hand.T_base_pregrasp is not None:
+            things.append(corners(self.hand.T_base_pregrasp, self.hand.size_m)[:4])  # its back
+        view = plan_view(kind, np.vstack(things), size, least_m)
         cloud = self.cloud if kind == "above" else self._slab()
         image = painted(cloud, view, size, self.floor_m)
         return self._panel(Backdrop(view, image, caption), kind)
 
-    def _focus(self) -> Floats:
-        """(M, 3) base points that every panel shows: the box, the hand, the way it comes."""
-        parts = [corners(self.box.T_base_box, self.box.dimensions_m)]
+    def _things(self) -> list[Floats]:
+        """(M, 3) base points each that every panel shows: the box, the hand, what is near it."""
+        things = [corners(self.box.T_base_box, self.box.dimensions_m)]
         if self.hand is not None:
-            parts.append(corners(self.hand.T_base_gripper, self.hand.size_m))
-            if self.hand.T_base_pregrasp is not None:
-                parts.append(corners(self.hand.T_base_pregrasp, self.hand.size_m)[:4])
-        return np.vstack(parts)
+            things.append(corners(self.hand.T_base_gripper, self.hand.size_m))
+        for mark in self.marks:
+            if mark.point_m is not None and mark.is_near:
+                things.append(mark.point_m[None])
+        return things
 
     def _slab(self) -> Cloud:
         """The points that the view from the side shows: none far before or behind the target."""

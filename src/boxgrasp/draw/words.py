@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Final
+
 from boxgrasp.draw.canvas import Look
 from boxgrasp.draw.palette import CATEGORY, FAINT, SHAPE
 from boxgrasp.geometry.hand_distance import CAP_M
@@ -11,6 +14,8 @@ from boxgrasp.grasps.checks.width import Width
 from boxgrasp.grasps.checks.width_known import WidthKnown
 from boxgrasp.grasps.scoring import category
 from boxgrasp.result import Candidate, CheckValue, Selection
+
+UNMEASURED: Final = Look("diamond", FAINT)
 
 
 def measured(value: float, unit: str | None) -> str:
@@ -55,7 +60,7 @@ def look_of(candidate: Candidate) -> Look:
         style = "wide" if any(s is not None and not s.passed for s in said) else "dropped"
     near = visible_clearance(candidate)
     if near is None:
-        return Look("diamond", FAINT, style)
+        return replace(UNMEASURED, style=style)
     kind = category(near.value)
     return Look(SHAPE[kind], CATEGORY[kind], style)
 
@@ -79,17 +84,17 @@ def facts_of(selection: Selection) -> list[tuple[str, str]]:
         selection: the answer.
 
     Returns:
-        Name and value of each row; a further row of the same name has an empty one.
+        Name and value of each row.
     """
     rows: list[tuple[str, str]] = []
     shown, grasp = selection.shown, selection.grasp
     if shown is not None:
         said = f"candidate {shown.label}, {shown.name}"
         rows.append(("Nearest" if grasp is None else "Grasp", said))
-        rows += _listed("Rejected", [item.sentence for item in shown.rejections])
+        rows += [("Rejected", item.sentence) for item in shown.rejections]
         opening = spelled(selection.gripper.max_opening_m, "m")
         width = spelled(shown.width_m, "m")
-        rows.append(("Width", f"{width} between the fingers, which open {opening}"))
+        rows.append(("Width", f"{width}, and the fingers open {opening}"))
     if grasp is not None:
         x, y, z = grasp.position_m
         rows.append(("Gripper at", f"x {x:.3f}, y {y:.3f}, z {z:.3f} m"))
@@ -99,11 +104,7 @@ def facts_of(selection: Selection) -> list[tuple[str, str]]:
     given = selection.frame == "given"
     rows.append(("Frame", "robot base, as given" if given else "support plane, as none is given"))
     rows.append(("Ranker", selection.ranker))
-    return rows + _listed("Warning", [warning.message for warning in selection.warnings])
-
-
-def _listed(name: str, values: list[str]) -> list[tuple[str, str]]:
-    return [(name if k == 0 else "", value) for k, value in enumerate(values)]
+    return rows + [("Warning", warning.message) for warning in selection.warnings]
 
 
 def _passing(selection: Selection) -> str:
