@@ -1,4 +1,4 @@
-"""Draw the pictures of the README and these pages anew. `python docs/pictures.py`."""
+"""Draw the pictures of the README and these pages again. `python docs/pictures.py`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from PIL import Image
 
 from boxgrasp import GraspSelector
 from boxgrasp.draw import draw_objects, draw_selection
+from boxgrasp.draw.palette import CATEGORY, GRIPPER, OBSTACLE
 from boxgrasp.simulate import demo_capture
 
 IMAGES = Path(__file__).parent / "images"
@@ -19,14 +20,22 @@ def main() -> None:
     view, selector = demo_capture(), GraspSelector()
     pictures = {
         "demo": draw_selection(view, selector.select(view)),
-        "objects": draw_objects(view, selector.objects(view)),
+        "objects": draw_objects(view, selector.scene(view)),
     }
     for name, picture in pictures.items():
         height = round(picture.height * WIDTH[name] / picture.width)
         small = picture.convert("RGB").resize((WIDTH[name], height), Image.Resampling.LANCZOS)
-        # Octree keeps the categories' colors, which a median cut over a brown scene loses.
-        paletted = small.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-        paletted.save(IMAGES / f"{name}.png", optimize=True)
+        paletted(small).save(IMAGES / f"{name}.png", optimize=True)
+
+
+def paletted(image: Image.Image) -> Image.Image:
+    """The picture in 256 colors, those that mean something kept as they are."""
+    fixed = [*CATEGORY.values(), GRIPPER, OBSTACLE]
+    own = image.quantize(256 - len(fixed), Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    colors = (own.getpalette() or [])[: 3 * (256 - len(fixed))]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*(value for color in fixed for value in color), *colors])
+    return image.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 if __name__ == "__main__":

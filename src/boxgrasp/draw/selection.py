@@ -96,6 +96,7 @@ class _Picture:
         return Hand(self.selection.gripper, shown.T_base_gripper, start)
 
     def drawn(self) -> Image:
+        """The page with its three panels and its cards."""
         shown = self.selection.shown
         page = Page(headline_of(self.selection), None if shown is None else look_of(shown))
         width = _CAMERA_PX[0]
