@@ -8,6 +8,7 @@ from pathlib import Path
 
 import boxgrasp
 from boxgrasp.config import Config
+from boxgrasp.perception.segmentation import SEGMENTATIONS
 from boxgrasp.strict import describe
 
 project = "boxgrasp"
@@ -32,6 +33,7 @@ NAMED = {
     "ranker": "a ranker's name",
     "plugins": "a section a check",
     "faces": "a list of faces' names",
+    "segmentation": ", ".join(SEGMENTATIONS),
 }
 
 

@@ -6,6 +6,7 @@ Docstrings are Google style. A function says its `Args`, `Returns` and `Raises`,
 
 from __future__ import annotations
 
+import argparse
 import ast
 import builtins
 import dataclasses
@@ -14,6 +15,8 @@ import importlib
 import inspect
 import json
 import re
+import subprocess
+import sys
 import textwrap
 import typing
 from collections.abc import Callable, Iterator
@@ -25,14 +28,16 @@ import numpy as np
 import pytest
 
 import boxgrasp
-from boxgrasp import errors
+from boxgrasp import GraspSelector, errors
 from boxgrasp.arrays import Floats
 from boxgrasp.cli import COMMANDS, command_parser
 from boxgrasp.config import Config
 from boxgrasp.errors import ConfigError, SceneError
+from boxgrasp.perception.segmentation import SEGMENTATIONS
 from boxgrasp.ranking.ranker import SHIPPED
 from boxgrasp.result import JSON_SCHEMA_PATH
 from boxgrasp.selector import default_checks
+from boxgrasp.simulate import demo_capture
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -45,7 +50,7 @@ HEAD = re.compile(rf"^({'|'.join(SECTIONS)}):$")
 ENTRY = re.compile(r"^    (\*{0,2}\w+): (.*)$")
 
 SIZE = r"(?:\d+ l|[A-Za-z]\w{0,7}|\d+|\.\.\.)(?: ?[-+*/] ?\w{1,5})?"
-SHAPE = re.compile(rf"\({SIZE},(?: {SIZE},?)*\)")
+SHAPE = re.compile(rf"\({SIZE},(?: {SIZE},?)*\)|\(\.\.\.\)")
 UNITS = {
     "_m": r"\b(m|cm|mm|km|meters)\b",
     "_m2": r"\b(m2|m²|cm²)",
@@ -461,6 +466,23 @@ def test_pages_list_every_field_of_an_answer() -> None:
     assert not missing
 
 
+def test_the_example_answer_has_the_form_of_a_real_one() -> None:
+    block = re.findall(r"```js\n(.*?)```", page("file-formats.md"), re.S)[0]
+    shown = json.loads(re.sub(r"  // .*$", "", block, flags=re.M))
+    real = GraspSelector().select(demo_capture()).to_dict()
+    assert list(shown) == list(real)
+    assert shown["config_hash"] == real["config_hash"]
+    for name in ("grasp", "box", "gripper", "timings_ms"):
+        assert list(shown[name]) == list(real[name])
+    (candidate,) = shown["candidates"]
+    first = real["candidates"][0]
+    assert list(candidate) == list(first) and candidate["rejections"] == first["rejections"]
+    for name, said in first["checks"].items():
+        assert list(candidate["checks"][name]) == list(said)
+        assert candidate["checks"][name]["value"] == pytest.approx(said["value"], abs=1e-4)
+    assert shown["grasp"]["position_m"] == pytest.approx(real["grasp"]["position_m"], abs=1e-4)
+
+
 def _property_names(schema: Any) -> Iterator[str]:
     if isinstance(schema, dict):
         yield from schema.get("properties", {})
@@ -472,11 +494,65 @@ def _property_names(schema: Any) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_command_line_page_has_every_option(command: str) -> None:
+def test_pages_have_every_option(command: str) -> None:
     said = page("command-line.md") + page("teaching.md") + page("file-formats.md")
-    flags = {flag for action in command_parser(command)._actions for flag in action.option_strings}
     assert f"`{command}`" in said
-    assert not [flag for flag in flags if flag not in said and flag not in ("-h", "--help")]
+    for action in command_parser(command)._actions:
+        gone = action.help == argparse.SUPPRESS  # refused with the name that it has now
+        for flag in action.option_strings:
+            assert flag in (page("names.md") if gone else said) or flag in ("-h", "--help"), flag
+
+
+def new_files() -> dict[str, str]:
+    """The files that docs/extending.md adds, by their names without folders."""
+    found = {}
+    for block in diffs():
+        for head, lines in re.findall(r"^\+\+\+ b/(\S+)\n@@ -0,0 .*\n((?:\+.*\n)+)", block, re.M):
+            found[Path(head).name] = re.sub(r"^\+", "", lines, flags=re.M)
+    return found
+
+
+def diffs() -> list[str]:
+    """The diffs of docs/extending.md."""
+    return re.findall(r"```diff\n(.*?)```", page("extending.md"), re.S)
+
+
+@pytest.mark.parametrize(
+    "diff", diffs(), ids=lambda diff: diff.splitlines()[1].removeprefix("+++ b/")
+)
+def test_extending_page_has_diffs_that_apply(diff: str) -> None:
+    done = subprocess.run(
+        ["git", "apply", "--check", "-"], input=diff, text=True, cwd=ROOT, capture_output=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_the_extending_page_adds_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in new_files().items():
+        (tmp_path / name).write_text(text, "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("within_reach", "lowest", "plan"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    view = demo_capture()
+    # A check, handed over as the page says.
+    space: dict[str, Any] = {}
+    exec(re.findall(r"```python\n(.*?)```", page("extending.md"), re.S)[0], space)
+    refusal = space["selector"].select(view).refusal
+    assert refusal is not None
+    assert [item.sentence for item in refusal.violations] == [
+        "within reach: 81.9 cm, at most 80.0 cm"
+    ]
+    assert refusal.violations[0].sentence in page("extending.md")
+    # A ranker.
+    ranked = GraspSelector(ranker=importlib.import_module("lowest").Lowest()).select(view)
+    heights_m = [c.T_base_gripper[2, 3] for c in sorted(ranked.candidates, key=lambda c: c.rank)]
+    assert np.all(np.diff(heights_m) > -0.001)
+    # A segmentation: the lamp over the can becomes one object with it.
+    monkeypatch.setitem(SEGMENTATIONS, "plan", "plan:plan_clusters")
+    found = GraspSelector({"scene": {"segmentation": "plan"}}).objects(view)
+    assert len(found) == len(GraspSelector().objects(view)) - 1
 
 
 OLD_WORDS = re.compile(
