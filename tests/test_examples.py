@@ -5,13 +5,19 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import drawn, seen
 
+from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.cli import main
+from boxgrasp.perception.segmentation import SEGMENTATIONS
+from boxgrasp.selector import default_checks
 from boxgrasp.simulate import demo_capture, to_capture
 from boxgrasp.simulate.demo import DEMO_SPEC
 from boxgrasp.simulate.scenes import build_scene
@@ -32,6 +38,85 @@ def test_example_runs(path: Path, tmp_path: Path) -> None:
     assert done.stdout
     notice = "compiling kernels"  # the first process after installing says so
     assert all(line.startswith(notice) for line in done.stderr.splitlines()), done.stderr
+
+
+def loaded(name: str) -> ModuleType:
+    """An example as a module."""
+    (path,) = (path for path in EXAMPLES if path.stem == name)
+    spec = spec_from_file_location(f"example_{name}", path)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[module.__name__] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def filled(sizes_m: Sequence[float]) -> np.ndarray:
+    """(N, 3) points all over a box round the origin, its corners among them."""
+    axes = [np.linspace(-size / 2, size / 2, int(size / 0.005) + 2) for size in sizes_m]
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+
+
+def meets(T_base_hand: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> bool:
+    """Whether the default hand and a box share a point, by points all over both."""
+    sizes = np.array((0.22, 0.17, 0.07))
+    hand = filled(sizes) @ T_base_hand[:3, :3].T + T_base_hand[:3, 3]
+    box = filled(high_m - low_m) + (low_m + high_m) / 2
+    of_hand = (box - T_base_hand[:3, 3]) @ T_base_hand[:3, :3]
+    in_box = np.all((hand > low_m) & (hand < high_m), axis=1).any()
+    return bool(in_box or np.all(np.abs(of_hand) < sizes / 2, axis=1).any())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_own_check_rejects_exactly_the_hands_that_meet_the_box(seed: int) -> None:
+    """The check of the example against points all over hand and box, in turned scenes."""
+    example = loaded("14_own_check")
+    view = seen(drawn(seed, yaw="random"), seed)
+    without = GraspSelector().select(view)
+    rng = np.random.default_rng(seed)
+    met: list[bool] = []
+    for _ in range(12):
+        center = without.box.T_base_box[:3, 3] + rng.uniform(-0.3, 0.3, 3)
+        half = rng.uniform(0.03, 0.15, 3)
+        low, high = center - half, center + half
+        keep_out = example.KeepOutBox(tuple(low.tolist()), tuple(high.tolist()))
+        found = GraspSelector(checks=[*default_checks(), keep_out]).select(view)
+        for candidate, before in zip(found.candidates, without.candidates, strict=True):
+            said = candidate.checks["keep_out_box"]
+            if abs(said.value) < 0.001:
+                continue  # hand and box touch: points cannot tell
+            met.append(meets(candidate.T_base_gripper, low, high))
+            assert said.passed != met[-1]
+            assert candidate.passed == (before.passed and not met[-1])
+            reasons = [reason.check for reason in candidate.rejections]
+            assert ("keep_out_box" in reasons) == met[-1]
+            assert [name for name in reasons if name != "keep_out_box"] == [
+                reason.check for reason in before.rejections
+            ]
+    assert len(met) > 170 and 20 < sum(met) < 150, "boxes near enough, and not too near"
+
+
+def test_own_check_is_one_class(capsys: pytest.CaptureFixture[str]) -> None:
+    """What the example prints is what its selection holds."""
+    example = loaded("14_own_check")
+    shown = capsys.readouterr().out.splitlines()
+    reasons = [
+        f"{candidate.name}: {reason.sentence}"
+        for candidate in example.selection.candidates
+        for reason in candidate.rejections
+        if reason.check == "keep_out_box"
+    ]
+    assert len(reasons) >= 5 and shown == [repr(example.selection), *reasons]
+
+
+def test_own_segmentation_parts_what_touches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SEGMENTATIONS, "by-color", "")  # its name is gone again after the test
+    example = loaded("15_own_segmentation")
+    counts = {
+        name: len(GraspSelector({"scene": {"segmentation": name}}).objects(example.view))
+        for name in ("euclidean", "by-color")
+    }
+    assert counts == {"euclidean": 1, "by-color": 2}
 
 
 def test_readme_code_runs(tmp_path: Path) -> None:
@@ -91,15 +176,28 @@ def test_commands_print_what_the_docs_say(
 
 def test_ros_page_code_runs() -> None:
     (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "ros.md").read_text("utf-8"), re.S)
-    room: dict[str, object] = {}
-    exec(block, room)
+    names: dict[str, object] = {}
+    exec(block, names)
     view = demo_capture()
     assert view.depth is not None and view.intrinsics is not None
     height, width = view.depth.shape
     data = np.round(view.depth * 1000).astype(np.uint16).tobytes()
     depth = SimpleNamespace(height=height, width=width, step=2 * width, data=data)
     info = SimpleNamespace(k=view.intrinsics.reshape(-1).tolist())
-    on_request: object = room["on_request"]
-    answer = on_request(depth, info, view.T_base_camera, view.target_pixel)  # type: ignore[operator]
-    assert isinstance(answer, str) or answer.status in ("grasp", "ask")
-    assert not isinstance(answer, str), answer
+    pixel = view.target_pixel
+    depth_m = (np.frombuffer(data, np.uint16).reshape(height, width) * 0.001).astype(np.float32)
+    same = Capture(depth_m, view.intrinsics, view.T_base_camera)
+    # The page's own faces are all in the way here, so it asks; with every face there is a grasp.
+    for selector in (names["selector"], GraspSelector()):
+        names["selector"] = selector
+        assert isinstance(selector, GraspSelector)
+        known = selector.select(same, Target(pixel=pixel))
+        answer = names["on_request"](depth, info, view.T_base_camera, pixel)  # type: ignore[operator]
+        if known.refusal is not None:
+            assert answer == known.refusal.message
+        else:
+            poses = [candidate.T_base_gripper for candidate in known.passing]
+            np.testing.assert_array_equal(answer, poses)
+    assert known.status == "grasp"
+    refused = names["on_request"](depth, info, view.T_base_camera, (9999, 5))  # type: ignore[operator]
+    assert isinstance(refused, str) and "valid" in refused

@@ -1,0 +1,38 @@
+"""Another way to tell things apart is one function, and one line in a table of names.
+
+In the package the function is a file in `perception/segmentation/` and the line stands in its
+`__init__.py`. A segmentation of camera images hands over masks instead: 02_name_the_target.py.
+"""
+
+import numpy as np
+
+from boxgrasp import GraspSelector
+from boxgrasp.perception.segmentation import SEGMENTATIONS
+from boxgrasp.perception.segmentation.euclidean import euclidean_clusters
+from boxgrasp.simulate import build_scene, to_capture
+from boxgrasp.simulate.demo import DEMO_SPEC
+
+
+def by_color(points, colors, camera_position_m, config):
+    """Things that touch are two where one is red, green or blue and the other is not."""
+    clusters = euclidean_clusters(points, colors, camera_position_m, config)
+    if colors is None:
+        return clusters
+    colors = np.nan_to_num(colors)  # (K, 3), NaN where no camera saw the point
+    strongest = np.argmax(colors, axis=1)
+    vivid = colors.max(axis=1) > 2.0 * np.median(colors, axis=1)
+    pairs = np.column_stack((clusters, np.where(vivid, strongest, 3)))
+    _, ids = np.unique(pairs, axis=0, return_inverse=True)
+    return np.where(clusters < 0, -1, ids.reshape(-1))  # -1: noise, no thing
+
+
+SEGMENTATIONS["by-color"] = f"{__name__}:by_color"  # module:function, found by its name
+
+cube = {"name": "green_cube", "x": 0.85, "y": 0.0, "z": 0.0, "yaw": 0.0}
+red, blue = cube | {"color": [200, 60, 50]}, cube | {"y": 0.06, "color": [60, 120, 200]}
+touching = build_scene(DEMO_SPEC | {"target": red, "obstacles": [blue]})
+view, _ = to_capture(touching, np.random.default_rng(0))
+for name in ("euclidean", "split", "by-color"):
+    selector = GraspSelector({"scene": {"segmentation": name}})
+    sizes = [item.size_m.round(2).tolist() for item in selector.objects(view)]
+    print(f"{name}: {len(sizes)} objects of {sizes} m; {selector.select(view)}")
