@@ -2,8 +2,8 @@
 
 Each object is answered by a process of the command line and in Python, which must agree in all but
 the timings. Printed: status, face and line, clearance, box beside the visible extents that the
-captures' `reference.json` gives (an independent estimate), what stands in the way of an ask; and
-for each depth capture how far the support plane lies from the reference. `--pictures DIR` draws
+captures' `reference.json` gives (an independent estimate), why a person is asked; and for each
+depth capture how far the support plane lies from the reference. `--pictures DIR` draws
 every answer; the table says what was found, only the pictures say whether it is right.
 
 The captures are read where they lie: in BOXGRASP_CAPTURES, else in ../shared/captures beside the
@@ -29,7 +29,6 @@ import numpy as np
 from boxgrasp import BoxgraspError, Capture, GraspSelector, Selection, Target, load_capture
 from boxgrasp.draw import draw_selection
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.grasps.candidates import FACES
 
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "captures"
 
@@ -184,14 +183,16 @@ def row_of(job: Job, answer: Answer) -> str:
     T = selection.box.T_base_box
     turn = np.degrees(np.arctan2(T[1, 0], T[0, 0]))
     box = f"{x:5.1f} {y:5.1f} {z:5.1f} {turn:4.0f}  {seen[0]:5.1f} {seen[1]:5.1f} {seen[2]:5.1f}"
-    if selection.status == "grasp":
-        assert selection.face and selection.clearance_m is not None
-        what = f"{FACES[selection.face - 1]} line {selection.line}"
-        what = f"{what}, {100 * selection.clearance_m:.1f} cm clear"
-    else:
-        candidate = selection.candidate(selection.best_rejected or 1)
-        what = f"best {FACES[candidate.face - 1]} line {candidate.line}: {selection.blocking}"
-    return f"{head}{selection.status:6s} {agree:8s} {box}  {what}"
+    return f"{head}{selection.status:6s} {agree:8s} {box}  {told(selection)}"
+
+
+def told(selection: Selection) -> str:
+    """The grasp and its clearance, or the nearest candidate and what it lacks."""
+    assert selection.shown is not None
+    name = selection.shown.name
+    if selection.grasp is not None and selection.grasp.clearance_m is not None:
+        return f"{name}, {100 * selection.grasp.clearance_m:.1f} cm clear"
+    return f"nearest {name}: {'; '.join(why.sentence for why in selection.shown.rejections)}"
 
 
 def plane_of(job: Job, selection: Selection) -> tuple[float, float] | None:
@@ -215,6 +216,33 @@ def plane_of_scene(name: str, folder: Path) -> tuple[float, float] | None:
     return plane_of(job, GraspSelector(SETTINGS[name].config).select(capture, Target(object=1)))
 
 
+def print_settings(names: list[str]) -> None:
+    """What each capture needs beyond the defaults, and the head of the table."""
+    for name in names:
+        setting = SETTINGS[name]
+        target = "its mask" if setting.by_mask else "a pixel"
+        if setting.cloud_frame == "base":
+            target = "a point, cloud frame base"
+        print(f"{name:16s} target by {target}; {dict(setting.config) or 'defaults'}")
+    print("\nlengths in cm; box: x y z and yaw in degrees; reference: seen short, long, high")
+
+
+def print_planes(
+    names: list[str], root: Path, planes: Mapping[str, tuple[float, float] | None]
+) -> None:
+    """How far each support plane lies from the reference's."""
+    print(f"\nsupport plane from the reference's (bar: {PLANE_DEG} degrees, {100 * PLANE_M} cm)")
+    for name in names:
+        try:
+            off = planes.get(name) or plane_of_scene(name, root / name)
+        except BoxgraspError as error:
+            print(f"{name:16s} MISSED: {error}")
+            continue
+        if off is not None:
+            held = "held" if off[0] <= PLANE_DEG and abs(off[1]) <= PLANE_M else "MISSED"
+            print(f"{name:16s} {off[0]:4.2f} degrees {100 * off[1]:+5.2f} cm  {held}")
+
+
 def main(argv: list[str] | None = None) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -229,17 +257,11 @@ def main(argv: list[str] | None = None) -> None:
         return
     if args.pictures:
         args.pictures.mkdir(parents=True, exist_ok=True)
-    jobs = [job for name in names for job in jobs_of(name, root / name)]
-    for name in names:
-        setting = SETTINGS[name]
-        target = "its mask" if setting.by_mask else "a pixel"
-        if setting.cloud_frame == "base":
-            target = "a point, cloud frame base"
-        print(f"{name:16s} target by {target}; {dict(setting.config) or 'defaults'}")
-    print("\nlengths in cm; box: x y z and yaw in degrees; reference: seen short, long, high")
+    print_settings(names)
     planes: dict[str, tuple[float, float] | None] = {}
     counts = {"grasp": 0, "ask": 0, "none": 0}
     differ = 0
+    jobs = [job for name in names for job in jobs_of(name, root / name)]
     for job, capture, answer in all_answers(jobs, args.processes):
         print(row_of(job, answer), flush=True)
         differ += not answer.same
@@ -249,28 +271,14 @@ def main(argv: list[str] | None = None) -> None:
             continue
         planes[job.name] = plane_of(job, answer.selection)
         if args.pictures:
-            draw_selection(
-                capture,
-                answer.selection,
-                args.pictures / f"{job.name}_{job.number:02d}.png",
-                gripper=GraspSelector(job.setting.config).config.gripper,
-            )
-    total = sum(counts.values())
+            place = args.pictures / f"{job.name}_{job.number:02d}.png"
+            draw_selection(capture, answer.selection, place)
     print(
-        f"\n{total} good targets: {counts['grasp']} grasps (bar: {GRASPS} of 45), "
+        f"\n{sum(counts.values())} good targets: {counts['grasp']} grasps (bar: {GRASPS} of 45), "
         f"{counts['ask']} asks, {counts['none']} without an answer; "
         f"command line and Python differ in {differ}"
     )
-    print("\nsupport plane from the reference's (bar: 1.5 degrees, 1.5 cm)")
-    for name in names:
-        try:
-            off = planes.get(name) or plane_of_scene(name, root / name)
-        except BoxgraspError as error:
-            print(f"{name:16s} MISSED: {error}")
-            continue
-        if off is not None:
-            held = "held" if off[0] <= PLANE_DEG and abs(off[1]) <= PLANE_M else "MISSED"
-            print(f"{name:16s} {off[0]:4.2f} degrees {100 * off[1]:+5.2f} cm  {held}")
+    print_planes(names, root, planes)
 
 
 if __name__ == "__main__":

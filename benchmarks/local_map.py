@@ -11,14 +11,19 @@ import argparse
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import octomap
 
 from boxgrasp.geometry.transforms import make_transform, rotation_z, transform
-from boxgrasp.mapping.local_map import MappingConfig
+from boxgrasp.mapping.local_map import LocalMap, MappingConfig
 from boxgrasp.mapping.ray_insertion import build_local_map, lattice_transform
+from boxgrasp.perception.scene_config import SceneConfig
+from boxgrasp.ranking.sampling import RESOLUTION_M
 from boxgrasp.simulate import draw_scene, to_capture
+
+CELLS_M = sorted(set(RESOLUTION_M.values()))
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -28,7 +33,7 @@ def seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def thinned(points: np.ndarray, edge_m: float = 0.003) -> np.ndarray:
+def thinned(points: np.ndarray, edge_m: float = SceneConfig().voxel_m) -> np.ndarray:
     """One point for each voxel."""
     keys = np.floor(points / edge_m).astype(np.int64)
     _, first = np.unique((keys[:, 0] << 42) + (keys[:, 1] << 21) + keys[:, 2], return_index=True)
@@ -36,17 +41,20 @@ def thinned(points: np.ndarray, edge_m: float = 0.003) -> np.ndarray:
 
 
 def frame(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (N, 3) and eye (3,) in the base frame, and T_base_map at the target."""
+    """Points (N, 3) and camera position (3,) in the base frame, and T_base_map at the target."""
     scene = draw_scene(np.random.default_rng(seed))
     capture, _ = to_capture(scene, np.random.default_rng(seed))
     points, pixels = capture.valid_points()
-    near = (points[:, 2] > 0.4) & (points[:, 2] < 1.6)  # long rays would cost OctoMap seconds
+    scene_config = SceneConfig()
+    depth_m = points[:, 2]  # long rays would cost OctoMap seconds
+    near = (depth_m > scene_config.min_range_m) & (depth_m < scene_config.max_range_m)
     points, pixels = points[near], pixels[near]
     T = scene.T_base_camera
     u, v = capture.target_pixel
     at = int(np.argmin(np.abs(pixels - (v * capture.shape[1] + u))))
     base = transform(T, points)
-    center = np.array([*base[at, :2], np.median(base[:, 2]) + 0.05])
+    height_m = float(np.median(base[:, 2])) + MappingConfig().center_above_support_m
+    center = np.array([*base[at, :2], height_m])
     return thinned(base), T[:3, 3], make_transform(rotation_z(0.3), center)
 
 
@@ -63,57 +71,84 @@ def cells(tree: octomap.OcTree, config: MappingConfig) -> tuple[np.ndarray, np.n
     return values, known
 
 
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """One frame for ours, and the same points in the map frame for OctoMap.
+
+    Attributes:
+        points: (N, 3) float32, base frame, m.
+        camera_m: (3,) camera position, base frame.
+        T_base_map: (4, 4).
+        config: cell size and sensor model.
+        cloud: (N, 3) float64 of float32 values, lattice frame, m.
+        origin: (3,) camera position, likewise.
+    """
+
+    points: np.ndarray
+    camera_m: np.ndarray
+    T_base_map: np.ndarray
+    config: MappingConfig
+    cloud: np.ndarray
+    origin: np.ndarray
+
+    def ours(self, threads: int = 2) -> LocalMap:
+        """The whole call."""
+        view = (self.points, self.camera_m)
+        return build_local_map([view], self.T_base_map, self.config, threads=threads)
+
+    def octomap(self, discretize: bool) -> octomap.OcTree:
+        """Insertion into an empty tree."""
+        tree = octomap.OcTree(self.config.resolution_m)
+        tree.setProbMiss(self.config.prob_miss)
+        tree.insertPointCloud(self.cloud, self.origin, maxrange=-1.0, discretize=discretize)
+        return tree
+
+    def equal(self) -> float:
+        """The share of our cells in which OctoMap holds the same number."""
+        local_map = self.ours()
+        values, known = cells(self.octomap(False), self.config)
+        same = (values == local_map.log_odds) & (known == local_map.known)
+        return float(np.mean(same))
+
+    def seconds(self) -> tuple[float, ...]:
+        """Ours, ours on one thread, OctoMap's exact insertion, and its discretized one."""
+        return (
+            seconds(self.ours),
+            seconds(lambda: self.ours(1)),
+            seconds(lambda: self.octomap(False)),
+            seconds(lambda: self.octomap(True)),
+        )
+
+
+def contest(resolution_m: float, seed: int) -> Contest:
+    """The points in both frames, to the bit as our own map rounds them."""
+    points, camera_m, T_base_map = frame(seed)
+    L = lattice_transform(T_base_map, resolution_m)
+    x = points.astype(np.float64)
+    axes = [L[a, 0] * x[:, 0] + L[a, 1] * x[:, 1] + L[a, 2] * x[:, 2] + L[a, 3] for a in (0, 1, 2)]
+    cloud = np.stack(axes, axis=1).astype(np.float32).astype(np.float64)
+    origin = (L[:3, :3] @ camera_m + L[:3, 3]).astype(np.float32).astype(np.float64)
+    config = MappingConfig(resolution_m=resolution_m)
+    return Contest(points, camera_m, T_base_map, config, cloud, origin)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--seed", type=int, default=5)
     args = parser.parse_args()
-    points, eye, T_base_map = frame(args.seed)
-    print(f"{os.cpu_count()} cores, {len(points)} points of one frame; medians, ms (least)")
+    contests = [contest(resolution_m, args.seed) for resolution_m in CELLS_M]
+    count = len(contests[0].points)
+    print(f"{os.cpu_count()} cores, {count} points of one frame; medians, ms (least)")
     print("cell   cells   ours         one thread   exact         discretized   ratios      equal")
-    for resolution in (0.03, 0.07):
-        config = MappingConfig(resolution_m=resolution)
-        L = lattice_transform(T_base_map, resolution)
-        x = points.astype(np.float64)
-        rows = [
-            L[a, 0] * x[:, 0] + L[a, 1] * x[:, 1] + L[a, 2] * x[:, 2] + L[a, 3] for a in (0, 1, 2)
-        ]
-        cloud = np.stack(rows, axis=1).astype(np.float32).astype(np.float64)
-        origin = (L[:3, :3] @ eye + L[:3, 3]).astype(np.float32).astype(np.float64)
-
-        def insert(
-            discretize: bool,
-            config: MappingConfig = config,
-            cloud: np.ndarray = cloud,
-            origin: np.ndarray = origin,
-        ) -> octomap.OcTree:
-            tree = octomap.OcTree(config.resolution_m)
-            tree.setProbMiss(config.prob_miss)
-            tree.insertPointCloud(cloud, origin, maxrange=-1.0, discretize=discretize)
-            return tree
-
-        def ours(threads: int = 2, config: MappingConfig = config) -> object:
-            return build_local_map([(points, eye)], T_base_map, config, threads=threads)
-
-        local = build_local_map([(points, eye)], T_base_map, config)
-        values, known = cells(insert(False), config)
-        equal = np.mean((values == local.log_odds) & (known == local.known))
-        times = np.array(
-            [
-                [
-                    seconds(ours),
-                    seconds(lambda: ours(1)),
-                    seconds(lambda: insert(False)),
-                    seconds(lambda: insert(True)),
-                ]
-                for _ in range(args.rounds)
-            ]
-        )
+    for one in contests:
+        equal = one.equal()
+        times = np.array([one.seconds() for _ in range(args.rounds)])
         m, least = np.median(times, axis=0) * 1e3, times.min(axis=0) * 1e3
         columns = "  ".join(f"{a:5.1f} ({b:5.1f})" for a, b in zip(m, least, strict=True))
         print(
-            f"{resolution * 100:.0f} cm  {values.size:6d}  {columns}  "
+            f"{one.config.resolution_m * 100:.0f} cm  {one.ours().log_odds.size:6d}  {columns}  "
             f"{m[2] / m[0]:4.1f} {m[3] / m[0]:4.1f}  {equal:.2%}"
         )
 

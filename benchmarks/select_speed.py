@@ -3,10 +3,10 @@
 From a 640 x 480 depth array to an answer, wall time around the call, warm, on several cast scenes.
 The obvious pipeline: back-projection, pass-through, Open3D's 3 mm voxels, plane, outliers and
 clusters over all that is seen; OctoMap's exact insertion of the whole cloud at 3 cm; 184 searches;
-numpy distances of the 15 candidates to the obstacle points. The cropped one does the same to what lies
-in a cube of 60 cm round the target, and inserts discretized. Both are spared the check: they find
-no reasons, no unseen space, no free approach. All take turns call by call, so that other work on
-the machine weighs on all alike: trust the ratios.
+numpy distances of the 15 candidates to the obstacle points. The cropped one does the same to what
+lies in a cube of 60 cm round the target, and inserts discretized. Both are spared the checks: they
+find no reasons, no unseen space, no free approach. All take turns call by call, so that other work
+on the machine weighs on all alike: trust the ratios.
 
 Open3D is wanted for nothing but this (`pip install -r benchmarks/requirements.txt`); without it
 only our own figures are printed. Peak memory is that of a fresh process that reads one capture and
@@ -21,6 +21,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +34,15 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.mapping.local_map import MappingConfig
+from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.ranking.sampling import grid
 
+Contender = Callable[[Capture], Any]
+
 BAR_MS, BAR_OBVIOUS, BAR_CROPPED, BAR_MB = 33.0, 10.0, 5.0, 400.0
-NEAR_M, FAR_M, VOXEL_M, CLUSTER_M, CELL_M, CROP_M = 0.4, 1.6, 0.003, 0.015, 0.03, 0.60
+SCENE = SceneConfig()
+CELL_M, CROP_M = MappingConfig().resolution_m, 0.60
 # VmHWM and not ru_maxrss: a child's ru_maxrss counts what its parent held.
 PEAK = """
 import sys
@@ -64,19 +70,19 @@ def obvious(capture: Capture, crop: bool) -> int:
     import open3d
 
     T = capture.T_base_camera
-    points, aim = back_projected(capture)
+    points, on_target = back_projected(capture)
     if crop:
-        points = points[np.all(np.abs(points - aim) < CROP_M / 2, axis=1)]
+        points = points[np.all(np.abs(points - on_target) < CROP_M / 2, axis=1)]
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-    cloud = cloud.voxel_down_sample(VOXEL_M)
+    cloud = cloud.voxel_down_sample(SCENE.voxel_m)
     plane, _ = cloud.segment_plane(0.01, 3, 1000)
     x = np.asarray(cloud.points)
     plane = np.array(plane) * np.sign(T[2, :3] @ plane[:3])
     high = np.flatnonzero(x @ plane[:3] + plane[3] > 0.01)
     over, _ = cloud.select_by_index(high).remove_statistical_outlier(20, 2.0)
-    labels = np.array(over.cluster_dbscan(CLUSTER_M, 10))
+    clusters = np.array(over.cluster_dbscan(SCENE.cluster_tolerance_m, 10))
     stands = np.asarray(over.points)
-    own = labels == labels[np.argmin(((stands - aim) ** 2).sum(axis=1))]
+    own = clusters == clusters[np.argmin(((stands - on_target) ** 2).sum(axis=1))]
     box = aligned_box(transform(T, stands[own]), transform(T, x))
     searched(x, T, box, exact=not crop)
     return farthest(box, transform(T, stands[~own]))
@@ -85,7 +91,7 @@ def obvious(capture: Capture, crop: bool) -> int:
 def back_projected(capture: Capture) -> tuple[Floats, Floats]:
     """(N, 3) points in the camera frame and the target pixel's point (3,)."""
     depth, K = capture.depth, capture.intrinsics
-    v, u = np.nonzero((depth > NEAR_M) & (depth < FAR_M))
+    v, u = np.nonzero((depth > SCENE.min_range_m) & (depth < SCENE.max_range_m))
     z = depth[v, u].astype(np.float64)
     points = np.column_stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
     a, b = capture.target_pixel
@@ -105,9 +111,11 @@ def searched(points: Floats, T: Floats, box: Box, exact: bool) -> Points:
     """(184,) occupancy of the half sphere out of OctoMap, in the map's frame."""
     import octomap
 
+    config = MappingConfig()
+
     T_map_camera = invert(box.T_base_map()) @ T
     tree = octomap.OcTree(CELL_M)
-    tree.setProbMiss(0.3)
+    tree.setProbMiss(config.prob_miss)
     tree.insertPointCloud(
         transform(T_map_camera, points), T_map_camera[:3, 3], maxrange=-1.0, discretize=not exact
     )
@@ -117,7 +125,7 @@ def searched(points: Floats, T: Floats, box: Box, exact: bool) -> Points:
             p = tree.search(place).getOccupancy()
         except octomap.NullPointerException:
             continue
-        values[k] = 1.0 if p > 0.66 else 0.0 if p < 0.33 else 0.5
+        values[k] = 1.0 if p > config.occupied_above else 0.0 if p < config.free_below else 0.5
     return values
 
 
@@ -155,6 +163,82 @@ def word(held: bool) -> str:
     return "held" if held else "MISSED"
 
 
+@dataclass
+class Times:
+    """What calls took, ms.
+
+    Attributes:
+        calls: by contender, one a call.
+        off: by how much `timings_ms.total` differs from the call's wall time, as a share of it.
+        stages: `timings_ms` of each call of `select`.
+    """
+
+    calls: dict[str, list[float]]
+    off: list[float] = field(default_factory=list)
+    stages: list[dict[str, float]] = field(default_factory=list)
+
+    def median(self, name: str) -> float:
+        """Of one contender, ms."""
+        return float(np.median(self.calls[name]))
+
+
+def contenders_of(selector: GraspSelector, alone: bool) -> dict[str, Contender]:
+    """By name, what takes turns; the libraries' pipelines where Open3D is there."""
+    own: dict[str, Contender] = {
+        "select": selector.select,
+        "Capture + select": lambda capture: ours(selector, capture),
+    }
+    if alone:
+        return own
+    if importlib.util.find_spec("open3d") is None:
+        print("no open3d: `pip install -r benchmarks/requirements.txt` for the comparison")
+        return own
+    own["obvious"] = lambda capture: obvious(capture, crop=False)
+    own["cropped, discretized"] = lambda capture: obvious(capture, crop=True)
+    return own
+
+
+def timed(contenders: dict[str, Contender], captures: list[Capture], rounds: int) -> Times:
+    """All in turn, `rounds` times every capture."""
+    for work in contenders.values():
+        work(captures[0])
+    times = Times({name: [] for name in contenders})
+    for _ in range(rounds):
+        for capture in captures:
+            for name, work in contenders.items():
+                ms, result = milliseconds(lambda work=work, capture=capture: work(capture))
+                times.calls[name].append(ms)
+                if name == "select":
+                    times.off.append(abs(ms - result.timings_ms["total"]) / ms)
+                    times.stages.append(result.timings_ms)
+    return times
+
+
+def print_table(times: Times) -> None:
+    """Quartiles of every contender, and the stages of `select`."""
+    print(f"{'':22s}  {'median':>8s}  {'quartiles':>18s}  {'least':>8s}   over ours")
+    for name, values in times.calls.items():
+        ratio = times.median(name) / times.median("Capture + select")
+        print(f"{name:22s}  {quartiles(values)}   {ratio:5.1f}")
+    stages = {key: np.median([lap[key] for lap in times.stages]) for key in times.stages[0]}
+    print("stages: " + ", ".join(f"{key} {ms:.1f}" for key, ms in stages.items()))
+
+
+def print_bars(times: Times, peak_mb: float) -> None:
+    """How each bar stands."""
+    own = times.median("Capture + select")
+    print(f"\nmedian at most {BAR_MS:.0f} ms: {own:.1f}, {word(own <= BAR_MS)}")
+    print(
+        f"timings_ms.total within 5 %: off by {np.median(times.off):.2%} (median), "
+        f"{max(times.off):.2%} (most), {word(float(np.median(times.off)) <= 0.05)}"
+    )
+    for name, bar in (("obvious", BAR_OBVIOUS), ("cropped, discretized", BAR_CROPPED)):
+        if name in times.calls:
+            ratio = times.median(name) / own
+            print(f"{bar:.0f} times faster than {name}: {ratio:.1f}, {word(ratio >= bar)}")
+    print(f"peak memory under {BAR_MB:.0f} MB: {peak_mb:.0f}, {word(peak_mb < BAR_MB)}")
+
+
 def main(argv: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -164,53 +248,15 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--alone", action="store_true", help="without the libraries' pipelines")
     args = parser.parse_args(argv)
     captures = cast_captures(args.scenes, args.seed)
-    peak = peak_memory_mb(captures[0]) if Path("/proc/self/status").exists() else float("nan")
-    selector = GraspSelector()
-    contenders: dict[str, Callable[[Capture], Any]] = {
-        "select": selector.select,
-        "Capture + select": lambda capture: ours(selector, capture),
-    }
-    if not args.alone and importlib.util.find_spec("open3d") is None:
-        print("no open3d: `pip install -r benchmarks/requirements.txt` for the comparison")
-    elif not args.alone:
-        contenders["obvious"] = lambda capture: obvious(capture, crop=False)
-        contenders["cropped, discretized"] = lambda capture: obvious(capture, crop=True)
-    for work in contenders.values():
-        work(captures[0])
-    times: dict[str, list[float]] = {name: [] for name in contenders}
-    off, stages = [], []
-    for _ in range(args.rounds):
-        for capture in captures:
-            for name, work in contenders.items():
-                ms, result = milliseconds(lambda work=work, capture=capture: work(capture))
-                times[name].append(ms)
-                if name == "select":
-                    off.append(abs(ms - result.timings_ms["total"]) / ms)
-                    stages.append(result.timings_ms)
+    linux = Path("/proc/self/status").exists()
+    peak_mb = peak_memory_mb(captures[0]) if linux else float("nan")
+    times = timed(contenders_of(GraspSelector(), args.alone), captures, args.rounds)
     print(
         f"{os.cpu_count()} cores, {args.scenes} cast scenes of 640 x 480, "
-        f"{len(off)} calls each, warm; ms"
+        f"{len(times.off)} calls each, warm; ms"
     )
-    print(f"{'':22s}  {'median':>8s}  {'quartiles':>18s}  {'least':>8s}   over ours")
-    median = {name: float(np.median(values)) for name, values in times.items()}
-    for name, values in times.items():
-        ratio = median[name] / median["Capture + select"]
-        print(f"{name:22s}  {quartiles(values)}   {ratio:5.1f}")
-    print(
-        "stages: "
-        + ", ".join(f"{key} {np.median([lap[key] for lap in stages]):.1f}" for key in stages[0])
-    )
-    own = median["Capture + select"]
-    print(f"\nmedian at most {BAR_MS:.0f} ms: {own:.1f}, {word(own <= BAR_MS)}")
-    print(
-        f"timings_ms.total within 5 %: off by {np.median(off):.2%} (median), {max(off):.2%} "
-        f"(most), {word(float(np.median(off)) <= 0.05)}"
-    )
-    for name, bar in (("obvious", BAR_OBVIOUS), ("cropped, discretized", BAR_CROPPED)):
-        if name in median:
-            ratio = median[name] / own
-            print(f"{bar:.0f} times faster than {name}: {ratio:.1f}, {word(ratio >= bar)}")
-    print(f"peak memory under {BAR_MB:.0f} MB: {peak:.0f}, {word(peak < BAR_MB)}")
+    print_table(times)
+    print_bars(times, peak_mb)
 
 
 if __name__ == "__main__":
