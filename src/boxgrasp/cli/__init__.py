@@ -1,4 +1,8 @@
-"""The command line: a file a command, everything heavy imported by the command that needs it."""
+"""The command line: a file a command, everything heavy imported by the command that needs it.
+
+A command's module has `add_arguments(parser)` and `run(args)`, which returns the exit status or
+raises a BoxgraspError; its docstring is what --help says.
+"""
 
 from __future__ import annotations
 
@@ -36,18 +40,36 @@ class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, as every error of the command line does."""
 
     def error(self, message: str) -> NoReturn:
-        """End with the exit status of a failure."""
+        """End with the exit status of a failure.
+
+        Args:
+            message: what is wrong.
+
+        Raises:
+            SystemExit: always.
+        """
         complain(message)
         raise SystemExit(FAILED)
 
 
 def complain(message: object) -> None:
-    """One line on standard error."""
+    """Write one line on standard error.
+
+    Args:
+        message: of any number of lines.
+    """
     print(f"boxgrasp: {' '.join(str(message).split())}", file=sys.stderr, flush=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status: 0 all answered, 2 something failed."""
+    """Run one command.
+
+    Args:
+        argv: what follows `boxgrasp`; None for the process's own.
+
+    Returns:
+        The exit status: 0 all answered, 2 something failed, 130 interrupted, 141 nobody reads.
+    """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if sys.stdout is None:  # started with its output closed
         sys.stdout = open(os.devnull, "w")
@@ -128,7 +150,14 @@ def _main_parser() -> Parser:
 
 
 def command_parser(command: str) -> Parser:
-    """The parser of one command; only that command's file is imported."""
+    """The parser of one command; only that command's file is imported.
+
+    Args:
+        command: a key of `COMMANDS`.
+
+    Returns:
+        The parser, with the command's own arguments and --verbose.
+    """
     module = importlib.import_module(f"boxgrasp.cli.{command}")
     parser = Parser(
         prog=f"boxgrasp {command}",

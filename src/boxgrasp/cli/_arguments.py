@@ -1,4 +1,4 @@
-"""Options that several commands share, and what they mean."""
+"""Arguments that several commands share, and what they mean."""
 
 from __future__ import annotations
 
@@ -59,7 +59,12 @@ def renamed(parser: argparse.ArgumentParser, old: str, new: str) -> None:
 
 
 def add_captures(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
-    """CAPTURE... and how to read them."""
+    """Add CAPTURE... and how to read them.
+
+    Args:
+        parser: of the command.
+        nargs: how many, as argparse has it.
+    """
     parser.add_argument(
         "captures",
         nargs=nargs,
@@ -70,7 +75,11 @@ def add_captures(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """How to read a capture."""
+    """Add how to read a capture.
+
+    Args:
+        parser: of the command.
+    """
     group = parser.add_argument_group("reading captures")
     group.add_argument(
         "--cloud-frame",
@@ -88,7 +97,11 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def add_target(parser: argparse.ArgumentParser) -> None:
-    """Which object is wanted; else the capture's own mask or pixel."""
+    """Add which object is wanted; else the capture's own mask or pixel.
+
+    Args:
+        parser: of the command.
+    """
     group = parser.add_argument_group("target").add_mutually_exclusive_group()
     group.add_argument("--pixel", type=int, nargs=2, metavar=("U", "V"), help="column and row")
     group.add_argument("--mask", metavar="FILE", help="image, nonzero on the target")
@@ -101,7 +114,11 @@ def add_target(parser: argparse.ArgumentParser) -> None:
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
-    """What to run with; an option here wins over the configuration file."""
+    """Add what to run with; an option here wins over the configuration file.
+
+    Args:
+        parser: of the command.
+    """
     group = parser.add_argument_group("configuration")
     group.add_argument("--config", metavar="FILE", help="YAML as `boxgrasp config` prints it")
     group.add_argument("--gripper", metavar="FILE", help="YAML of a gripper")
@@ -117,7 +134,11 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 
 
 def add_scans(parser: argparse.ArgumentParser) -> None:
-    """What else is known of the scene."""
+    """Add what else is known of the scene.
+
+    Args:
+        parser: of the command.
+    """
     group = parser.add_argument_group("more of the same scene")
     group.add_argument(
         "--scan",
@@ -131,7 +152,11 @@ def add_scans(parser: argparse.ArgumentParser) -> None:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Who does the work."""
+    """Add which processes do the work.
+
+    Args:
+        parser: of the command.
+    """
     group = parser.add_argument_group("workers").add_mutually_exclusive_group()
     group.add_argument(
         "--processes", type=int, metavar="N", help="processes (default: one a usable core)"
@@ -142,7 +167,18 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def resolve_config(args: argparse.Namespace) -> Config:
-    """File and options together."""
+    """Take file and options together.
+
+    Args:
+        args: with what `add_config` added.
+
+    Returns:
+        The whole configuration.
+
+    Raises:
+        ConfigError: as `load_config`.
+        GripperError: as `load_gripper`.
+    """
     from boxgrasp.config import load_config, load_gripper
 
     config: dict[str, Any] = plain_config(load_config(args.config))
@@ -161,7 +197,14 @@ def resolve_config(args: argparse.Namespace) -> Config:
 
 
 def plain_config(config: Any) -> dict[str, Any]:
-    """A configuration as nested dictionaries."""
+    """A configuration as nested dictionaries.
+
+    Args:
+        config: a Config or a part of one.
+
+    Returns:
+        By name, every setting in it.
+    """
     from boxgrasp.strict import plain
 
     values: dict[str, Any] = plain(config)
@@ -169,7 +212,18 @@ def plain_config(config: Any) -> dict[str, Any]:
 
 
 def load_capture(path: str, args: argparse.Namespace) -> Capture:
-    """The capture at a path, read as the options say."""
+    """Read a capture as the options say.
+
+    Args:
+        path: of the capture.
+        args: with what `add_reading` added.
+
+    Returns:
+        The capture, without the points under the robot's mask.
+
+    Raises:
+        BoxgraspError: it cannot be read, or the mask does not fit.
+    """
     from boxgrasp import io
 
     start = time.perf_counter()
@@ -181,7 +235,17 @@ def load_capture(path: str, args: argparse.Namespace) -> Capture:
 
 
 def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells | None]:
-    """Further scans and the map, as the options name them."""
+    """Read further scans and the map, as the options name them.
+
+    Args:
+        args: with what `add_scans` and `add_reading` added.
+
+    Returns:
+        The scans, and the map or None.
+
+    Raises:
+        BoxgraspError: one of them cannot be read.
+    """
     octomap = None
     if args.octomap:
         from boxgrasp.io.octomap import read_octomap
@@ -191,7 +255,17 @@ def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells
 
 
 def target_of(args: argparse.Namespace) -> Target | None:
-    """The target that the options name, or None for the capture's own."""
+    """Take the target that the options name.
+
+    Args:
+        args: with what `add_target` added.
+
+    Returns:
+        The target, or None for the capture's own.
+
+    Raises:
+        TargetError: its mask cannot be read.
+    """
     from boxgrasp.perception.target import Target
 
     if args.mask:
@@ -204,7 +278,13 @@ def target_of(args: argparse.Namespace) -> Target | None:
 
 
 def read_mask(path: str) -> NDArray[np.bool_]:
-    """(H, W) bool of a PNG, True where it is not black.
+    """Read a mask.
+
+    Args:
+        path: of a PNG.
+
+    Returns:
+        (H, W) bool, True where it is not black.
 
     Raises:
         TargetError: not such an image.
@@ -243,6 +323,15 @@ def _without_robot(capture: Capture, mask: NDArray[np.bool_]) -> Capture:
 
 
 def numbered(path: str, number: int, count: int) -> Path:
-    """OUT.png for one picture, OUT_1.png, OUT_2.png ... for several."""
+    """Where one of several pictures goes.
+
+    Args:
+        path: OUT.png.
+        number: of the capture, from 1.
+        count: number of captures.
+
+    Returns:
+        OUT.png for one capture, OUT_1.png, OUT_2.png ... for several.
+    """
     place = Path(path)
     return place if count == 1 else place.with_name(f"{place.stem}_{number}{place.suffix}")
