@@ -62,7 +62,7 @@ def line_schema(points: Floats, face: int, width_m: float = PORTION_WIDTH_M) -> 
     Args:
         points: (P, 3) sample points, map frame, m.
         face: 1 to 5.
-        width_m: of the portion.
+        width_m: of the portion, m.
 
     Returns:
         p + 4 names.
@@ -81,8 +81,8 @@ def normalized(dimensions_m: ArrayLike, largest_edge_m: float | None) -> Points:
 
     Args:
         dimensions_m: (N, 3) x, y, z of N boxes, m.
-        largest_edge_m: the training set's, stored in the model. None takes each box's own largest
-            edge, which loses its scale; the thesis can be read either way.
+        largest_edge_m: the training set's, m, stored in the model. None takes each box's own
+            largest edge, which loses its scale; the thesis can be read either way.
 
     Returns:
         (N, 3) float32 in [0, 1].
@@ -111,7 +111,7 @@ def single_features(
     Args:
         occupancy: (N, P) float32, 0 free, 1 occupied, 0.5 else, of each sample.
         dimensions_m: (N, 3) box dimensions, m.
-        largest_edge_m: as `normalized`.
+        largest_edge_m: as `normalized`, m.
 
     Returns:
         (N, P + 3) float32: 187 for the thesis's 184 samples.
@@ -132,7 +132,7 @@ def line_features(
         occupancy: (N, p) float32 of the face's portion.
         dimensions_m: (N, 3) box dimensions, m.
         face: 1 to 5.
-        largest_edge_m: as `normalized`.
+        largest_edge_m: as `normalized`, m.
 
     Returns:
         (N, p + 4) float32: 61 (spiral) or 64 (grid) for a side face, 122 or 124 for a top face.

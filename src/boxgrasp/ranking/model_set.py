@@ -132,7 +132,7 @@ class ModelSet:
 
     Attributes:
         sampling: `spiral` or `grid`.
-        largest_edge_m: what box dimensions are divided by; None for each box's own.
+        largest_edge_m: what box dimensions are divided by, m; None for each box's own.
         parts: deciders by part: `single`, or `face`, `side` and `top`.
         lines: l, lines a face.
     """

@@ -58,7 +58,7 @@ class Recipe:
         objects: a shipped set's name or a file.
         obstacles: least and most number.
         yaw: as `Clutter.yaw`.
-        area_m: as `Clutter.area_m`.
+        area_m: as `Clutter.area_m`, m.
         noise: name of the sensor's noise, one of `NOISES`.
         mirrored: left and right exchanged.
         wish: `any` scene; `feasible`, the thesis's assumption of at least one feasible grasp

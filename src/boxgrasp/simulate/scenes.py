@@ -184,7 +184,7 @@ def draw_scene(
         target: a name, or None for any of the known and novel ones.
         obstacles: how many, or the least and most.
         yaw: as `Clutter.yaw`.
-        area_m: as `Clutter.area_m`.
+        area_m: as `Clutter.area_m`, m.
         objects: by name; None for the thesis's simulated ones.
 
     Returns:

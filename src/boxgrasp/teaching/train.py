@@ -129,7 +129,7 @@ def train_svm(
     """Search, train and export one of the eight.
 
     Args:
-        rows: columns by name, labeled.
+        rows: columns by name, (N, ...) each, labeled.
         svm: which one.
         provenance: for the record.
         seed: of the folds.

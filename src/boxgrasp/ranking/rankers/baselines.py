@@ -21,7 +21,14 @@ class TopDown(Ranker):
     name = "top-down"
 
     def rank(self, context: RankingContext) -> Ranking:
-        """Order by being a top face's middle line, then by width, then by label."""
+        """Order by being a top face's middle line, then by width, then by label.
+
+        Args:
+            context: the candidates.
+
+        Returns:
+            The order.
+        """
         candidates = context.candidates
         middle = (candidates.line == (candidates.lines + 1) // 2) & (
             candidates.face >= TOP_PARALLEL
@@ -41,7 +48,14 @@ class Random(Ranker):
     name = "random"
 
     def rank(self, context: RankingContext) -> Ranking:
-        """A permutation that depends on the box's place and size, to 0.1 mm, alone."""
+        """Order by chance, from a seed of the box's place and size, to 0.1 mm, alone.
+
+        Args:
+            context: the box and the candidates.
+
+        Returns:
+            The order.
+        """
         box = context.box
         place = np.concatenate([box.T_base_box[:3, 3], box.dimensions_m])
         tenths = np.round(place * 1e4).astype("<i8")
