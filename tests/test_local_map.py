@@ -19,6 +19,7 @@ from boxgrasp.mapping.local_map import (
     FREE,
     OCCUPIED,
     UNSEEN,
+    Lattice,
     LocalMap,
     MappingConfig,
     local_map_of,
@@ -70,7 +71,7 @@ def assert_equals_octomap(
     low = np.asarray(lowest)
     expected, expected_known = by_octomap(scans, low, shape, config)
     for threads in (1, 2):
-        values, known = insert_scans(scans, low, shape, config, threads=threads)
+        values, known = insert_scans(scans, Lattice(low, shape), config, threads=threads)
         np.testing.assert_array_equal(known, expected_known)
         np.testing.assert_array_equal(values, expected)
     assert values.dtype == np.float32
@@ -233,7 +234,7 @@ def test_marks_equal_the_plain_walk(seed: int, kind: str, s: float) -> None:
     points, origin = scan(kind, np.random.default_rng(seed), s)
     points = points[:120]
     low, shape = np.array([-6, -5, -4]), (11, 9, 10)
-    free, occupied = mark(points, origin, low, shape, s, np.eye(4))
+    free, occupied = mark(points, origin, Lattice(low, shape), s, np.eye(4))
     expected_free, expected_occupied = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for p in points:
         end = tuple(math.floor(float(v) * (1.0 / s)) for v in p)
@@ -262,13 +263,13 @@ def test_points_outside_octomaps_cube_and_not_finite_are_left_out(
     low, shape = np.array([-10, -10, -10]), (20, 20, 20)
     expected = by_octomap([(np.concatenate([good, far]), origin)], low, shape, config)
     bad = np.array([[np.nan, 0, 0], [0, np.inf, 0], [-np.inf, 0, np.nan]], np.float32)
-    got = insert_scans([(np.concatenate([bad, good, far]), origin)], low, shape, config)
+    got = insert_scans([(np.concatenate([bad, good, far]), origin)], Lattice(low, shape), config)
     np.testing.assert_array_equal(got[0], expected[0])
     np.testing.assert_array_equal(got[1], expected[1])
     # An origin out there gives no free space, as in OctoMap; the end points stay.
     away = np.array([1000.0, 0, 0], np.float32)
     expected = by_octomap([(good, away)], low, shape, config)
-    got = insert_scans([(good, away)], low, shape, config)
+    got = insert_scans([(good, away)], Lattice(low, shape), config)
     np.testing.assert_array_equal(got[1], expected[1])
     assert got[1].sum() == 2
     capfd.readouterr()

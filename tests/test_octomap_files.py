@@ -14,8 +14,6 @@ from boxgrasp.errors import BoxgraspError, MapError, MissingExtraError
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.io.octomap import (
     cells_of,
-    local_map_from_octomap,
-    occupied_cells,
     parse_octomap,
     parse_octomap_body,
     read_octomap,
@@ -29,6 +27,7 @@ from boxgrasp.mapping.local_map import (
     MappingConfig,
     local_map_of,
 )
+from boxgrasp.mapping.octomap_leaves import map_from_octomap
 from boxgrasp.mapping.ray_insertion import build_local_map
 
 QUIET = settings(
@@ -120,11 +119,11 @@ def test_occupied_cells_are_centers_and_edges_in_the_base_frame() -> None:
     tree = octomap.OcTree(0.1)
     tree.updateNode([0.35, -0.25, 0.05], True)
     tree.updateNode([0.55, -0.25, 0.05], False)
-    centers, edges = occupied_cells(tree)
+    centers, edges = cells_of(tree).occupied()
     np.testing.assert_allclose(centers, [[0.35, -0.25, 0.05]])
     np.testing.assert_allclose(edges, [0.1])
-    assert len(occupied_cells(tree, above=0.75)[0]) == 0
-    centers, edges = occupied_cells(tree_of(2).writeBinary())
+    assert len(cells_of(tree).occupied(above=0.75)[0]) == 0
+    centers, edges = cells_of(tree_of(2).writeBinary()).occupied()
     assert set(np.round(edges / 0.05).astype(int)) >= {1, 8}
 
 
@@ -134,7 +133,7 @@ def test_an_aligned_map_survives_writing_and_reading(tmp_path: Path, suffix: str
         local = a_map(ON_LATTICE @ make_transform(rotation_z(yaw), np.zeros(3)))
         path = tmp_path / f"map{suffix}"
         write_octomap(path, local)
-        again = local_map_from_octomap(path, local.T_base_map)
+        again = map_from_octomap(cells_of(path), local.T_base_map)
         np.testing.assert_array_equal(again.known, local.known)
         if suffix == ".ot":
             np.testing.assert_array_equal(again.log_odds, local.log_odds)
@@ -159,12 +158,12 @@ def test_a_turned_map_is_resampled_by_less_than_a_cell(tmp_path: Path) -> None:
     local = a_map(T)
     write_octomap(tmp_path / "map.ot", local)
     cells = read_octomap(tmp_path / "map.ot")
-    centers, edges = occupied_cells(cells)
+    centers, edges = cells_of(cells).occupied()
     assert len(centers) > 100 and (edges == 0.03).all()
     back = (centers - T[:3, 3]) @ T[:3, :3]
     # Each cell of the file has the value of the local cell that holds its center.
     assert (local.values_at(back) == 1.0).all()
-    again = local_map_from_octomap(cells, T)
+    again = map_from_octomap(cells_of(cells), T)
     assert (again.state == local.state).mean() > 0.75
 
 
@@ -173,9 +172,9 @@ def test_an_empty_map_can_be_written_and_read(tmp_path: Path) -> None:
     for name in ("map.ot", "map.bt"):
         write_octomap(tmp_path / name, empty)
         assert len(read_octomap(tmp_path / name)) == 0
-        again = local_map_from_octomap(tmp_path / name, np.eye(4))
+        again = map_from_octomap(cells_of(tmp_path / name), np.eye(4))
         assert not again.known.any()
-        assert len(occupied_cells(tmp_path / name)[0]) == 0
+        assert len(cells_of(tmp_path / name).occupied()[0]) == 0
 
 
 @settings(parent=QUIET, max_examples=15)
@@ -191,7 +190,7 @@ def test_local_map_samples_a_tree_at_its_cells_centers(
     tree = tree_of(seed, theirs, scans=2, n=100)
     T = make_transform(rotation_z(yaw), np.array([0.1, 0.2, 0.0]))
     config = MappingConfig(resolution_m=ours)
-    local = local_map_from_octomap(tree, T, config)
+    local = map_from_octomap(cells_of(tree), T, config)
     index = np.random.default_rng(seed).integers(0, local.shape, (200, 3))
     centers = local.centers[tuple(index.T)] @ T[:3, :3].T + T[:3, 3]
     values, known = found(tree, centers)
@@ -205,7 +204,7 @@ def test_a_file_tells_free_occupied_and_unknown_apart(tmp_path: Path) -> None:
         tree.updateNode([0.15, 0.05, 0.05], True)
         tree.updateNode([-0.15, 0.05, 0.05], False)
     (tmp_path / "m.bt").write_bytes(tree.writeBinary())
-    local = local_map_from_octomap(str(tmp_path / "m.bt"), np.eye(4))
+    local = map_from_octomap(cells_of(str(tmp_path / "m.bt")), np.eye(4))
     places = [[0.15, 0.05, 0.05], [-0.15, 0.05, 0.05], [0.0, 0.35, 0.05]]
     assert local.values_at(places).tolist() == [1.0, 0.0, 0.5]
     assert {FREE, UNSEEN, OCCUPIED} == set(np.unique(local.state))
@@ -333,6 +332,6 @@ def test_uncertain_cells_stay_uncertain_in_ot(tmp_path: Path) -> None:
     known[:5, :5, :5] = True
     local = local_map_of(values, known, ON_LATTICE, config)
     write_octomap(tmp_path / "map.ot", local)
-    again = local_map_from_octomap(tmp_path / "map.ot", ON_LATTICE)
+    again = map_from_octomap(cells_of(tmp_path / "map.ot"), ON_LATTICE)
     np.testing.assert_array_equal(again.known, known)
     np.testing.assert_array_equal(again.log_odds, values)

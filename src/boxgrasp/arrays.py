@@ -13,6 +13,13 @@ Points = NDArray[np.float32]
 
 
 def readonly(array: Array) -> Array:
-    """The same array, closed to writing, so that a frozen value stays what it is."""
+    """Close an array to writing, so that a frozen value stays what it is.
+
+    Args:
+        array: (...,) any shape and dtype.
+
+    Returns:
+        (...,) the same array.
+    """
     array.setflags(write=False)
     return array

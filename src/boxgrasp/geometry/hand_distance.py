@@ -79,7 +79,7 @@ def to_points(boxes: Floats, points: Points) -> tuple[Floats, NDArray[np.int64]]
         points: (N, 3) float32, base frame, m.
 
     Returns:
-        As `to_columns`.
+        (M,) float64, m, and (M,) int64 row, as `to_columns`.
     """
     return to_columns(boxes, np.ascontiguousarray(points[:, (0, 1, 2, 2)]))
 
@@ -93,10 +93,10 @@ def to_cells(
         boxes: (M, 8) of `uprights`.
         centers_m: (K, 3) float64, base frame, m.
         edges_m: (K,) edges of the cells, m.
-        yaw_rad: the cells' turn about the base's z.
+        yaw_rad: the cells' turn about the base's z, rad.
 
     Returns:
-        As `to_columns`.
+        (M,) float64, m, and (M,) int64 row, as `to_columns`.
     """
     return cells_to_uprights(
         boxes,

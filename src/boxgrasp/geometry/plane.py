@@ -11,16 +11,35 @@ from boxgrasp.arrays import Floats, Points, readonly
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """n . p + offset_m = 0 with n (3,) a unit normal pointing up; heights are n . p + offset_m."""
+    """The points p with n . p + offset_m = 0.
+
+    Attributes:
+        normal: (3,) float64 unit normal n, pointing up.
+        offset_m: m.
+    """
 
     normal: Floats
     offset_m: float
 
     def heights(self, points: Points) -> Points:
-        """(N,) signed heights of (N, 3) points in meters."""
+        """Signed heights over the plane.
+
+        Args:
+            points: (N, 3) float32, m.
+
+        Returns:
+            (N,) float32, m.
+        """
         return points @ self.normal.astype(np.float32) + np.float32(self.offset_m)
 
     def moved(self, T_a_b: Floats) -> Plane:
-        """The same plane in frame a, where this one is given in b."""
+        """The same plane in another frame.
+
+        Args:
+            T_a_b: (4, 4), where the plane is given in b.
+
+        Returns:
+            The plane in a.
+        """
         normal = T_a_b[:3, :3] @ self.normal
         return Plane(readonly(normal), float(self.offset_m - normal @ T_a_b[:3, 3]))

@@ -12,7 +12,15 @@ _ROTATION_TOLERANCE = 1e-3
 
 
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Floats:
-    """(4, 4) float64 from a (3, 3) rotation and a (3,) translation in meters."""
+    """A transform of its parts.
+
+    Args:
+        rotation: (3, 3).
+        translation: (3,), m.
+
+    Returns:
+        (4, 4) float64.
+    """
     T = np.eye(4)
     T[:3, :3] = rotation
     T[:3, 3] = translation
@@ -20,7 +28,14 @@ def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Floats:
 
 
 def rotation_z(yaw_rad: float) -> Floats:
-    """(3, 3) turn about z, counter-clockwise seen from above; exact at quarter turns."""
+    """A turn about z, counter-clockwise seen from above; exact at quarter turns.
+
+    Args:
+        yaw_rad: rad.
+
+    Returns:
+        (3, 3) float64.
+    """
     quarters = yaw_rad / (np.pi / 2)
     if quarters == round(quarters):
         c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarters) % 4]
@@ -30,19 +45,41 @@ def rotation_z(yaw_rad: float) -> Floats:
 
 
 def invert(T_a_b: Floats) -> Floats:
-    """T_b_a, for a rigid T_a_b."""
+    """The inverse of a rigid transform.
+
+    Args:
+        T_a_b: (4, 4).
+
+    Returns:
+        (4, 4) T_b_a.
+    """
     rotation = T_a_b[:3, :3].T
     return make_transform(rotation, -rotation @ T_a_b[:3, 3])
 
 
 def transform(T_a_b: Floats, points: Array) -> Array:
-    """(N, 3) points of frame b, in frame a, in the points' own dtype."""
+    """Points of one frame in another.
+
+    Args:
+        T_a_b: (4, 4).
+        points: (..., 3) in frame b, m.
+
+    Returns:
+        (..., 3) in frame a, m, of the points' own dtype.
+    """
     moved = points @ T_a_b[:3, :3].T.astype(points.dtype) + T_a_b[:3, 3].astype(points.dtype)
     return np.asarray(moved, dtype=points.dtype)
 
 
 def validate_transform(T: ArrayLike, name: str) -> Floats:
-    """A read-only copy of a rigid (4, 4) transform.
+    """A rigid transform, refused where it is none.
+
+    Args:
+        T: (4, 4), m.
+        name: of the transform, in messages.
+
+    Returns:
+        (4, 4) float64, a read-only copy.
 
     Raises:
         BoxgraspError: wrong shape, NaN, mirrored, scaled or otherwise not a rigid transform.
@@ -68,7 +105,14 @@ def validate_transform(T: ArrayLike, name: str) -> Floats:
 
 
 def quaternion_xyzw(rotation: Floats) -> Floats:
-    """(4,) unit quaternion x, y, z, w of a (3, 3) rotation, with w >= 0 (Shepperd 1978)."""
+    """The quaternion of a rotation (Shepperd 1978).
+
+    Args:
+        rotation: (3, 3).
+
+    Returns:
+        (4,) float64 unit quaternion x, y, z, w with w >= 0.
+    """
     m = rotation
     squares = np.array(
         [

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.io.colors import unpack_rgb
-from boxgrasp.io.extent import MAX_PIXELS, validate_points
+from boxgrasp.io.extent import MAX_PIXELS, validate_cloud_size
 from boxgrasp.io.images import read_depth_png
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
@@ -71,8 +71,14 @@ def load_bag(
 ) -> Capture:
     """A capture of a PointCloud2, or of a depth Image with its CameraInfo.
 
-    Without `topic` the first message that can be used, in the bag's order; with `stamp` (s) the
-    one on its topic that is nearest in time.
+    Args:
+        path: a .bag, .db3 or .mcap file, or a ROS 2 bag's folder.
+        cloud_frame: 'optical' or 'base', of a cloud's points.
+        topic: of the message; None for the first that can be used, in the bag's order.
+        stamp: the message on its topic that is nearest in time is taken, s; None for the first.
+
+    Returns:
+        The capture.
 
     Raises:
         CaptureError: damaged, no such topic or time, or no usable message.
@@ -264,7 +270,7 @@ def _cloud(message: Any, cloud_frame: CloudFrame) -> Capture:
     """A capture of a PointCloud2, organized where its height is above 1."""
     width, height = int(message.width), int(message.height)
     point, row = int(message.point_step), int(message.row_step)
-    validate_points(width * height, row * height, len(message.data))
+    validate_cloud_size(width * height, row * height, len(message.data))
     if row < width * point:
         raise CaptureError(f"cloud has rows of {row} bytes for {width} points of {point}")
     order = ">" if message.is_bigendian else "<"

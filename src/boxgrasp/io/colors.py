@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 
 def unpack_rgb(packed: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """(N, 3) uint8 of (N,) values of four bytes, 0x..RRGGBB, float or integer; else None."""
+    """Colors of packed values.
+
+    Args:
+        packed: (N,) of four bytes each, 0x..RRGGBB, float or integer.
+
+    Returns:
+        (N, 3) uint8 red, green, blue; None for values of another size.
+    """
     if packed.dtype.itemsize != 4:
         return None
     bits = np.ascontiguousarray(packed, packed.dtype.newbyteorder("=")).view(np.uint32)

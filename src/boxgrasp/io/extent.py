@@ -13,15 +13,27 @@ MAX_HEADER_BYTES: Final = 1 << 16
 
 
 def remaining_bytes(stream: IO[bytes]) -> int:
-    """Bytes between the stream's position and the end of its file."""
+    """How much of a file is left.
+
+    Args:
+        stream: of the file; its position stays.
+
+    Returns:
+        Bytes from there to the end.
+    """
     here = stream.tell()
     end = stream.seek(0, os.SEEK_END)
     stream.seek(here)
     return end - here
 
 
-def validate_points(count: int, bytes_needed: int, bytes_there: int) -> None:
+def validate_cloud_size(count: int, bytes_needed: int, bytes_there: int) -> None:
     """Refuse a cloud that cannot be held, or that the file is too short for.
+
+    Args:
+        count: points that the header claims.
+        bytes_needed: for them.
+        bytes_there: in the file.
 
     Raises:
         CaptureError: none, too many, or truncated.
@@ -37,7 +49,14 @@ def validate_points(count: int, bytes_needed: int, bytes_there: int) -> None:
 
 
 def header_lines(stream: IO[bytes], last: str) -> list[str]:
-    """Header lines up to and with the one whose first word is `last`.
+    """A text header.
+
+    Args:
+        stream: at the start of the header; left behind it.
+        last: first word of the header's last line.
+
+    Returns:
+        The lines up to and with that one, comments in any language left out.
 
     Raises:
         CaptureError: no such line, or not text.

@@ -26,7 +26,12 @@ _MILLIMETER: Final = 0.001
 def load_folder(folder: Path) -> Capture:
     """A capture of depth.png, intrinsics.json, and what else of the format is there.
 
-    `capture.json` may hold T_base_camera, depth_scale (meters a unit) and target_pixel.
+    Args:
+        folder: may also hold color.png or .jpg, mask.png, robot_mask.png, and capture.json with
+            T_base_camera, depth_scale (meters a unit) and target_pixel.
+
+    Returns:
+        The capture.
 
     Raises:
         CaptureError: a file is missing, damaged, or does not fit the others.

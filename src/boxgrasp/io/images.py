@@ -20,7 +20,14 @@ _DEPTH_MODES: Final = ("I;16", "I;16B", "I;16L", "I")  # by Pillow's version and
 
 
 def read_depth_png(source: Path | IO[bytes], size: tuple[int, int] | None) -> NDArray[np.uint16]:
-    """(H, W) uint16 of a 16-bit gray PNG; `size` is the (width, height) it must have, if known.
+    """A 16-bit gray PNG.
+
+    Args:
+        source: a path or an open file.
+        size: (width, height) that it must have, or None for any.
+
+    Returns:
+        (H, W) uint16.
 
     Raises:
         CaptureError: another format or depth of bits, or another size.
@@ -34,7 +41,14 @@ def read_depth_png(source: Path | IO[bytes], size: tuple[int, int] | None) -> ND
 
 
 def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 of a PNG or JPEG of that (width, height).
+    """A color image.
+
+    Args:
+        source: path of a PNG or JPEG.
+        size: (width, height) that it must have.
+
+    Returns:
+        (H, W, 3) uint8 red, green, blue.
 
     Raises:
         CaptureError: another format or size.
@@ -44,7 +58,14 @@ def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def read_mask(source: Path, size: tuple[int, int] | None = None) -> NDArray[np.bool_]:
-    """(H, W) bool of a PNG: True where any color is above 0; `size` is its (width, height).
+    """A mask.
+
+    Args:
+        source: path of a PNG.
+        size: (width, height) that it must have, or None for any.
+
+    Returns:
+        (H, W) bool, True where any color is above 0.
 
     Raises:
         CaptureError: another format or size.

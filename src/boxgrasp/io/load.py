@@ -26,7 +26,16 @@ def load_capture(
     topic: str | None = None,
     stamp: float | None = None,
 ) -> Capture:
-    """The capture at `path`; the suffix, or what a folder holds, tells the format.
+    """Read a capture; the suffix, or what a folder holds, tells the format.
+
+    Args:
+        path: a folder, or a .npz, .pcd, .ply, .bag, .db3 or .mcap file (docs/file-formats.md).
+        cloud_frame: 'optical' or 'base', of a cloud's points.
+        topic: of a bag's message; None for the first that can be used.
+        stamp: a bag's message nearest in time is taken, s; None for the first.
+
+    Returns:
+        The capture, validated.
 
     Raises:
         CaptureError: missing, unreadable, or no usable view; names the path.

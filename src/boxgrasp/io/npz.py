@@ -26,7 +26,13 @@ _MAX_BYTES: Final = 1 << 29  # unpacked, an array: as float64, the pixels that a
 
 
 def load_npz(path: Path) -> Capture:
-    """A capture of the arrays named in `KEYS`; other arrays are passed over.
+    """A capture of a numpy archive.
+
+    Args:
+        path: of an .npz with the arrays named in `KEYS`; others are passed over.
+
+    Returns:
+        The capture.
 
     Raises:
         CaptureError: no numpy archive, truncated, pickled objects, or no usable view.

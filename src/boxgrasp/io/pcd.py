@@ -14,7 +14,7 @@ from boxgrasp.arrays import Floats
 from boxgrasp.errors import CaptureError
 from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.io.colors import unpack_rgb
-from boxgrasp.io.extent import header_lines, remaining_bytes, validate_points
+from boxgrasp.io.extent import header_lines, remaining_bytes, validate_cloud_size
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
 
@@ -25,9 +25,16 @@ _SNIFF: Final = 4096
 
 
 def load_pcd(path: Path, cloud_frame: CloudFrame) -> Capture:
-    """A capture of a .pcd; a viewpoint other than the identity is the camera's pose.
+    """A capture of a PCD file; a viewpoint other than the identity is the camera's pose.
 
     With such a viewpoint the points are in the frame it is given in, taken as the base frame.
+
+    Args:
+        path: of a .pcd.
+        cloud_frame: 'optical' or 'base', of the points where there is no such viewpoint.
+
+    Returns:
+        The capture.
 
     Raises:
         CaptureError: damaged, truncated, no x y z, or no usable cloud.
@@ -102,13 +109,13 @@ def _validate_header(stream: IO[bytes]) -> dict[str, list[str]]:
 def _validate_size(stream: IO[bytes], encoding: str, points: int, record: int, values: int) -> None:
     there, start = remaining_bytes(stream), stream.tell()
     if encoding == "ascii":
-        validate_points(points, 2 * values * points - 1, there)
+        validate_cloud_size(points, 2 * values * points - 1, there)
     elif encoding == "binary":
-        validate_points(points, record * points, there)
+        validate_cloud_size(points, record * points, there)
     else:
-        validate_points(points, 8, there)
+        validate_cloud_size(points, 8, there)
         packed, unpacked = struct.unpack("<II", stream.read(8))
-        validate_points(points, packed, there - 8)
+        validate_cloud_size(points, packed, there - 8)
         if unpacked != record * points or unpacked > _LZF_RATIO * packed + 64:
             raise CaptureError(
                 f"PCD unpacks to {unpacked} bytes for {points} points of {record}; damaged"

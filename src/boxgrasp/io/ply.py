@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError
-from boxgrasp.io.extent import header_lines, remaining_bytes, validate_points
+from boxgrasp.io.extent import header_lines, remaining_bytes, validate_cloud_size
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
 
@@ -51,7 +51,14 @@ class _Element:
 
 
 def load_ply(path: Path, cloud_frame: CloudFrame) -> Capture:
-    """A capture of a .ply's vertices; faces and all else are passed over.
+    """A capture of a PLY file's vertices; faces and all else are passed over.
+
+    Args:
+        path: of a .ply.
+        cloud_frame: 'optical' or 'base', of the points.
+
+    Returns:
+        The capture.
 
     Raises:
         CaptureError: damaged, truncated, no x y z, or no usable cloud.
@@ -122,7 +129,7 @@ def _read_binary(
     skipped = sum(e.count * sum(int(kind[1]) for _, kind in e.properties) for e in before)
     dtype = np.dtype([(name, order + kind) for name, kind in vertex.properties])
     there = remaining_bytes(stream) - skipped
-    validate_points(vertex.count, vertex.count * dtype.itemsize, there)
+    validate_cloud_size(vertex.count, vertex.count * dtype.itemsize, there)
     stream.seek(skipped, 1)
     return np.frombuffer(stream.read(vertex.count * dtype.itemsize), dtype)
 
@@ -131,7 +138,7 @@ def _read_ascii(
     stream: IO[bytes], before: list[_Element], vertex: _Element, wanted: tuple[str, ...]
 ) -> dict[str, NDArray[Any]]:
     names = [name for name, _ in vertex.properties]
-    validate_points(vertex.count, 2 * len(names) * vertex.count - 1, remaining_bytes(stream))
+    validate_cloud_size(vertex.count, 2 * len(names) * vertex.count - 1, remaining_bytes(stream))
     for element in before:
         if element.count > remaining_bytes(stream):
             raise CaptureError(f"PLY claims {element.count} of {element.name}; truncated")

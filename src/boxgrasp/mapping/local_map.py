@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -15,14 +15,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import ConfigError
+from boxgrasp.geometry.box import CENTER_ABOVE_SUPPORT_M
 
 FREE, UNSEEN, OCCUPIED = 0, 1, 2
 
+OCCUPIED_ABOVE: Final = 0.66  # probability (thesis section 2-2)
+FREE_BELOW: Final = 0.33  # probability (thesis section 2-2)
+CLAMP_MIN: Final = 0.1192  # probability, as OctoMap's default, and what it reads for free in a .bt
+CLAMP_MAX: Final = 0.971  # likewise, for occupied
+
 Flags = NDArray[np.uint8]
 
-_MOST_CELLS = 50_000_000
+_MOST_CELLS = 50_000_000  # 250 MB
 _ABOVE_SUPPORT_M = 0.002  # the lowest layer keeps this far off the support plane's noise
 _LATTICE_SLACK = 1e-9  # of a cell: 0.42 / 0.07 must be 6 cells, not 7
+
+
+class Lattice(NamedTuple):
+    """Cells as OctoMap numbers them, in the lattice frame: the map frame, half a cell down.
+
+    Attributes:
+        lowest: (3,) int64 key of the first cell; the lower corner of cell 0 is the origin.
+        shape: (nx, ny, nz).
+    """
+
+    lowest: NDArray[np.int64]
+    shape: tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -43,21 +61,18 @@ class MappingConfig:
         center_above_support_m: of the half sphere over the support plane, m (thesis section 3-2).
         stride: insert every stride-th point in the image's order (thesis 3-5-2: every second);
             None takes every second row and column of a dense image, which still crosses every cell.
-
-    Raises:
-        ConfigError: `lattice`, where extent and resolution make more cells than memory holds.
     """
 
     resolution_m: Annotated[float, msgspec.Meta(ge=0.005, le=0.2)] = 0.03
     prob_hit: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.7
     prob_miss: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.3
-    clamp_min: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = 0.1192
-    clamp_max: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = 0.971
-    occupied_above: Annotated[float, msgspec.Meta(ge=0.5, lt=1.0)] = 0.66
-    free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.33
+    clamp_min: Annotated[float, msgspec.Meta(gt=0.0, lt=0.5)] = CLAMP_MIN
+    clamp_max: Annotated[float, msgspec.Meta(gt=0.5, lt=1.0)] = CLAMP_MAX
+    occupied_above: Annotated[float, msgspec.Meta(ge=0.5, lt=1.0)] = OCCUPIED_ABOVE
+    free_below: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = FREE_BELOW
     half_width_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.36
     height_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.54
-    center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.05
+    center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = CENTER_ABOVE_SUPPORT_M
     stride: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
 
     RENAMED: ClassVar = {
@@ -67,10 +82,11 @@ class MappingConfig:
         "centre_above_support_m": "center_above_support_m",
     }
 
-    def lattice(self) -> tuple[NDArray[np.int64], tuple[int, int, int]]:
-        """Key of the lowest cell and (nx, ny, nz).
+    def lattice(self) -> Lattice:
+        """The cells of the map.
 
-        Keys count cells in the lattice frame: the map frame, moved half a cell down.
+        Returns:
+            The first cell's key and the map's shape.
 
         Raises:
             ConfigError: the extent and the resolution make more cells than memory holds.
@@ -88,11 +104,18 @@ class MappingConfig:
                 f"mapping: resolution_m {s} makes {shape[0]} x {shape[1]} x {shape[2]} cells; "
                 f"valid: at most {_MOST_CELLS} (coarser, or a smaller half_width_m, height_m)"
             )
-        return np.array([-n, -n, low], dtype=np.int64), shape
+        return Lattice(np.array([-n, -n, low], dtype=np.int64), shape)
 
 
 def log_odds(probability: float) -> np.float32:
-    """Logarithm of p / (1 - p), rounded to float32 as OctoMap stores it."""
+    """Logarithm of p / (1 - p), as OctoMap stores it.
+
+    Args:
+        probability: p, between 0 and 1.
+
+    Returns:
+        float32.
+    """
     return np.float32(math.log(probability / (1.0 - probability)))
 
 
@@ -100,10 +123,17 @@ def log_odds(probability: float) -> np.float32:
 class LocalMap:
     """Cells round the target.
 
-    T_base_map (4, 4): origin at the half sphere's center, turned with the box. `lowest` (3,): the
-    map-frame corner of cell 0, 0, 0, meters. `log_odds` (nx, ny, nz) float32, 0 where not `known`
-    (nx, ny, nz) bool. Horizontally cells have their borders on multiples of the resolution, and
-    vertically their centers, so that every sample of a grid of that spacing is a cell's center.
+    Horizontally cells have their borders on multiples of the resolution, and vertically their
+    centers, so that every sample of a grid of that spacing is a cell's center.
+
+    Attributes:
+        T_base_map: (4, 4), origin at the half sphere's center, turned with the box.
+        resolution_m: edge of a cell, m.
+        lowest: (3,) corner of cell 0, 0, 0, map frame, m.
+        log_odds: (nx, ny, nz) float32, 0 where not known.
+        known: (nx, ny, nz) bool.
+        occupied_above: probability above which a cell is occupied.
+        free_below: probability below which a cell is free.
     """
 
     T_base_map: Floats
@@ -111,8 +141,8 @@ class LocalMap:
     lowest: Floats
     log_odds: NDArray[np.float32]
     known: NDArray[np.bool_]
-    occupied_above: float = 0.66
-    free_below: float = 0.33
+    occupied_above: float = OCCUPIED_ABOVE
+    free_below: float = FREE_BELOW
 
     def __post_init__(self) -> None:
         readonly(self.lowest)
@@ -142,36 +172,69 @@ class LocalMap:
         return state
 
     def keys(self, points_map: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """(M, 3) cell of each point (map frame) and (M,) whether that cell is in the map."""
+        """The cell of each point.
+
+        Args:
+            points_map: (M, 3), map frame, m.
+
+        Returns:
+            (M, 3) int64 cells, 0, 0, 0 for points outside, and (M,) bool, whether each is in the
+            map.
+        """
         p = np.asarray(points_map, dtype=np.float64).reshape(-1, 3)
         cells = np.floor((p - self.lowest) / self.resolution_m)
         inside = np.all((cells >= 0) & (cells < self.shape), axis=1)  # NaN is outside
         return np.where(inside[:, None], cells, 0).astype(np.int64), inside
 
     def values_at(self, points_map: ArrayLike) -> NDArray[np.float32]:
-        """(M,) float32 for points (M, 3) of the map frame: 0 free, 1 occupied, 0.5 else."""
+        """Occupancy at points, as the thesis's features take it (section 2-2).
+
+        Args:
+            points_map: (M, 3), map frame, m.
+
+        Returns:
+            (M,) float32: 0 free, 1 occupied, 0.5 else.
+        """
         cells, inside = self.keys(points_map)
         state = self.state[cells[:, 0], cells[:, 1], cells[:, 2]]
         return np.where(inside, state * np.float32(0.5), np.float32(0.5)).astype(np.float32)
 
     def cells(self, state: int) -> Floats:
-        """(K, 3) centers, map frame, of the cells in `state`, in the order of their index."""
+        """The cells in a state.
+
+        Args:
+            state: `FREE`, `UNSEEN` or `OCCUPIED`.
+
+        Returns:
+            (K, 3) float64 centers, map frame, m, in the order of their index.
+        """
         found = np.argwhere(self.state == state)
         return np.asarray(self.lowest + (found + 0.5) * self.resolution_m)
 
     @property
     def centers(self) -> Floats:
-        """(nx, ny, nz, 3) centers of all cells, map frame."""
+        """(nx, ny, nz, 3) float64 centers of all cells, map frame, m."""
         index = np.moveaxis(np.indices(self.shape), 0, -1)
         return np.asarray(self.lowest + (index + 0.5) * self.resolution_m)
 
 
 def local_map_of(
-    values: NDArray[np.float32], known: NDArray[np.bool_], T_base_map: Floats, c: MappingConfig
+    values: NDArray[np.float32],
+    known: NDArray[np.bool_],
+    T_base_map: Floats,
+    config: MappingConfig,
 ) -> LocalMap:
-    """A LocalMap from arrays on the lattice of `c`."""
-    lowest, _ = c.lattice()
-    corner = (lowest - np.array([0.0, 0.0, 0.5])) * c.resolution_m
-    return LocalMap(
-        T_base_map, c.resolution_m, corner, values, known, c.occupied_above, c.free_below
-    )
+    """A local map from arrays on a configuration's lattice.
+
+    Args:
+        values: (nx, ny, nz) float32 log-odds.
+        known: (nx, ny, nz) bool.
+        T_base_map: (4, 4).
+        config: cells and thresholds.
+
+    Returns:
+        The map.
+    """
+    s = config.resolution_m
+    corner = (config.lattice().lowest - np.array([0.0, 0.0, 0.5])) * s
+    return LocalMap(T_base_map, s, corner, values, known, config.occupied_above, config.free_below)

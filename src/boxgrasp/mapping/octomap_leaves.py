@@ -10,15 +10,26 @@ from numpy.typing import ArrayLike, NDArray
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.kernels import rays
-from boxgrasp.mapping.local_map import LocalMap, MappingConfig, local_map_of, log_odds
+from boxgrasp.mapping.local_map import (
+    OCCUPIED_ABOVE,
+    LocalMap,
+    MappingConfig,
+    local_map_of,
+    log_odds,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class MapCells:
     """The leaves of an OctoMap, in the frame of its file, which is taken as the base frame.
 
-    `keys` (K, 3) int32: the lowest cell of each leaf, cell 0 having its lower corner at the origin.
-    `spans` (K,) int64: its edge in cells, a power of two. `log_odds` (K,) float32. No two overlap.
+    No two overlap; they are kept in the order in which OctoMap stores them.
+
+    Attributes:
+        resolution_m: edge of the smallest cell, m.
+        keys: (K, 3) int32, the lowest cell of each leaf; cell 0 has its lower corner at the origin.
+        spans: (K,) int64, its edge in cells, a power of two.
+        log_odds: (K,) float32.
     """
 
     resolution_m: float
@@ -37,9 +48,13 @@ class MapCells:
         return len(self.spans)
 
     def log_odds_at(self, points: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """(M,) log-odds of the leaves that hold points (M, 3), 0 where none does, and (M,) known.
+        """Log-odds at points, as OctoMap's `search` at the lowest level, pruned leaves included.
 
-        As OctoMap's `search` at the lowest level, pruned leaves included.
+        Args:
+            points: (M, 3), base frame, m.
+
+        Returns:
+            (M,) float32 log-odds, 0 where no leaf holds the point, and (M,) bool, known.
         """
         p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         scaled = np.floor(p * (1.0 / self.resolution_m)) + rays.TREE_HALF
@@ -54,8 +69,15 @@ class MapCells:
             return np.where(held, self.log_odds[leaf], np.float32(0)), held
         return np.zeros(len(p), dtype=np.float32), held
 
-    def occupied(self, above: float = 0.66) -> tuple[Floats, Floats]:
-        """(K, 3) centers, base frame, and (K,) edges in meters of the leaves with p above that."""
+    def occupied(self, above: float = OCCUPIED_ABOVE) -> tuple[Floats, Floats]:
+        """The occupied leaves.
+
+        Args:
+            above: probability above which a leaf is occupied.
+
+        Returns:
+            (n, 3) float64 centers, base frame, m, and (n,) float64 edges, m.
+        """
         kept = self.log_odds > log_odds(above)
         edges: Floats = self.spans[kept] * np.float64(self.resolution_m)
         return np.asarray(self.keys[kept] * self.resolution_m + 0.5 * edges[:, None]), edges
@@ -82,6 +104,18 @@ def map_from_octomap(
     Free and unseen come from the file as they are: what it does not know stays unknown. Its
     resolution may differ; occupied cells smaller than ours may lie between the centers, so an
     obstacle check takes them from `MapCells.occupied`.
+
+    Args:
+        cells: the leaves.
+        T_base_map: (4, 4), where the map lies.
+        config: cells and thresholds; None for the defaults.
+
+    Returns:
+        The map.
+
+    Raises:
+        BoxgraspError: T_base_map is not a rigid transform.
+        ConfigError: the extent and the resolution make more cells than memory holds.
     """
     config = config or MappingConfig()
     T = validate_transform(T_base_map, "T_base_map")

@@ -15,21 +15,28 @@ from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.footprint import extents_over_yaws
 
-_COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))
-_FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))
-_LEAST_M = 0.005
-_FEWEST_CUT = 2
-_SEARCHED = 1500
+_COARSE = np.deg2rad(np.arange(-44.0, 46.0, 2.0))  # rad; a rectangle repeats after a quarter turn
+_FINE = np.deg2rad(np.arange(-1.75, 2.0, 0.25))  # rad, round the best of those
+_LEAST_M = 0.005  # m, a dimension at least: a wall seen edge on has no thickness
+_FEWEST_CUT = 2  # points, where the share of few is none
+_SEARCHED = 1500  # points tell the turn as well as all
+_TIE = 1e-9  # share of an area up to which two are equal
 
 
 @dataclass(frozen=True)
 class BoxConfig:
     """How the box is fitted.
 
-    fit: `yaw` turns to the smallest area where that shrinks it by `turn_gain`; `aligned` is the
-    thesis's. So that stray pixels cannot inflate the box, the outer slab_m of it must hold
-    slab_share of the points on every side (a veil of flying pixels behind an outline does not),
-    and then trim_share of the points, at least two, may lie outside at each end of an axis.
+    So that stray pixels cannot inflate it, its outer slab must hold a share of the points on every
+    side (a veil of flying pixels behind an outline does not), and then some may lie outside.
+
+    Attributes:
+        fit: `yaw` turns to the smallest area where that shrinks it enough; `aligned` is the
+            thesis's.
+        turn_gain: share of the area by which turning must shrink it.
+        slab_m: thickness of the outer slab, m.
+        slab_share: share of the points that the slab must hold.
+        trim_share: share of the points, at least two, that may lie outside at each end of an axis.
     """
 
     fit: Literal["yaw", "aligned"] = "yaw"
@@ -40,10 +47,17 @@ class BoxConfig:
 
 
 def fit_box(points: Points, plane: Plane, heading_rad: float, config: BoxConfig) -> Box:
-    """The box round a target's (N, 3) points, standing on the plane; all in the base frame.
+    """The box round a target's points, standing on the plane (thesis section 2-1).
 
-    heading_rad: where the camera looks in the base; the box's x is kept within 45 degrees of
-    the base axis nearest to it, so that `front` is the face towards the robot.
+    Args:
+        points: (N, 3) float32, base frame, m.
+        plane: the support plane, base frame.
+        heading_rad: where the camera looks in the base, rad; the box's x is kept within 45 degrees
+            of the base axis nearest to it, so that `front` is the face towards the robot.
+        config: how it is fitted.
+
+    Returns:
+        The box.
 
     Raises:
         TargetError: no points.
@@ -104,5 +118,5 @@ def _areas(extents: Floats) -> Floats:
 def _least_area(yaws: Floats, footprint: Floats, config: BoxConfig) -> float:
     """The yaw of the smallest rectangle, of equals the least turned."""
     areas = _areas(_extents(footprint, yaws, config))
-    ties = np.flatnonzero(areas <= areas.min() * (1 + 1e-9))
+    ties = np.flatnonzero(areas <= areas.min() * (1 + _TIE))
     return float(yaws[ties[np.argmin(np.abs(yaws[ties]))]])

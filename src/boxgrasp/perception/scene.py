@@ -60,7 +60,7 @@ class Scene:
     """What stands over the support plane, base frame, m.
 
     Attributes:
-        points: (K, 3) float32, voxel centroids over the plane.
+        points: (K, 3) float32, voxel centroids over the plane, m.
         object_numbers: (K,) int64, 0 for what is no object.
         clusters: (K,) int64, which points belong together, objects or not.
         objects: by their numbers, without pixels.
@@ -99,7 +99,7 @@ class Scene:
 
     @cached_property
     def at_border(self) -> NDArray[np.int64]:
-        """Rows of the points that lie at the image border, in rising order."""
+        """(n,) int64 rows of the points that lie at the image border, rising."""
         if self.shape is None:
             return np.empty(0, dtype=np.int64)
         height, width = self.shape
@@ -125,10 +125,10 @@ class Scene:
         """Which point each pixel shows.
 
         Args:
-            pixels: (...) int, flat pixels v * W + u.
+            pixels: (...,) int64, flat pixels v * W + u.
 
         Returns:
-            (...) int64 rows of the points, `TABLE` for table, background or an outlier, `MISSING`
+            (...,) int64 rows of the points, `TABLE` for table, background or an outlier, `MISSING`
             for no depth.
         """
         shown = rows_of(pixels, self._shown.pixels)

@@ -12,76 +12,66 @@ from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.kernels.plane import plane_sums, plane_votes
 from boxgrasp.sensing.sensor_model import axial_noise_m
 
-_SAMPLE = 1500
-_PROPOSALS = 120
-_CANDIDATES = 4
-_TRIES = 6
-_ALIKE = np.cos(np.deg2rad(15.0))
-_COARSE_M = 0.015
-_FINE_M = 0.008
-_CARRIED_M = (0.015, 0.30)
-_CELL_M = 0.05
-_UNDER_SHARE = 0.6
-_FAIR_SHARE = 0.3
-_FEWEST_CARRIED = 4
-_LEAST_PATCH_M2 = 0.05
-_TILT_GIVEN = np.cos(np.deg2rad(12.0))
-_TILT_CAMERA = np.sin(np.deg2rad(10.0))
-_TILT_UPRIGHT = np.sin(np.deg2rad(15.0))
+# Found on cast scenes and on the real captures that the tests read.
+_SAMPLE = 1500  # points tell the planes as well as all
+_DENSE = 20_000  # points for the last fit
+_ENOUGH = 1000  # of them
+_PROPOSALS = 120  # triples of points drawn
+_DRAWN = 30  # points from which the other two of a triple are taken
+_TRIPLE_M = (0.03, 0.30)  # m from the first point to the others: less is noise, more another thing
+_LEAST_AREA_M2 = 1e-6  # m2 that a triple spans
+_MOST_PLANES = 4  # to choose from
+_TRIES = 6  # best proposals looked at
+_LEAST_VOTES = (30, 0.02)  # points of the sample that a plane holds, and the share of them
+_FEWEST_FITTED = 10  # points for a least-squares fit
+_ALIKE = np.cos(np.deg2rad(15.0))  # of the angle up to which two planes may be the same
+_COARSE_M = 0.015  # m, what a plane through three noisy points may be off
+_FINE_M = 0.008  # m, what points on a fitted plane may be off
+_CARRIED_M = (0.015, 0.30)  # m over the plane, where things on it are looked for
+_CARRIED_NOISE = 4  # standard deviations of the depth that the lower of them is raised by
+_CELL_M = 0.05  # m, cells in which a plane's patch was seen
+_MOST_CELLS = 2000  # along an axis: a plane seen over 100 m is damaged data
+_RIM_CELLS = 3  # beyond the seen patch, for what stands on the hidden rim
+_PATCH_SAMPLE = 4_000  # points tell the patch
+_UNDER_SHARE = 0.6  # of the points on a plane, from which points under it say that it is none
+_FAIR_SHARE = 0.3  # of the largest plane's points that another one must hold
+_FEWEST_CARRIED = 4  # points of the sample: fewer are noise
+_LEAST_PATCH_M2 = 0.05  # m2, of a table
+_TILT_GIVEN = np.cos(np.deg2rad(12.0))  # of the angle to `up`
+_TILT_CAMERA = np.sin(np.deg2rad(10.0))  # how far a plane may face down in the image
+_TILT_UPRIGHT = np.sin(np.deg2rad(15.0))  # how far it must face up in it, unless none does
+_LAID = 0.05  # of an axis' length, laid on the plane, from which it tells a direction
 
 
 def find_support_plane(
-    points: Points, up: Floats | None, eye: Floats | None, max_range_m: float
+    points: Points, up: Floats | None, camera_position_m: Floats | None, max_range_m: float
 ) -> Plane:
-    """RANSAC over local proposals, the carrier among the candidates, a refit (appendix A).
+    """RANSAC over local proposals, the one that carries the objects, a refit (appendix A).
 
-    points: (N, 3) float32 in the camera frame, or in any frame where `up` is known.
-    up: (3,) unit vector against gravity in the points' frame; None for a camera frame of
-    unknown tilt, where planes that face downwards in the image are left out.
-    eye: (3,) camera position there, or None; max_range_m: how far from it objects are looked for.
+    Args:
+        points: (N, 3) float32, m, in the camera frame, or in any frame where `up` is known.
+        up: (3,) unit vector against gravity in the points' frame; None for a camera frame of
+            unknown tilt, where planes that face downwards in the image are left out.
+        camera_position_m: (3,) in the points' frame, m, or None where it is unknown.
+        max_range_m: how far from the camera objects are looked for, m.
+
+    Returns:
+        The plane, in the points' frame.
 
     Raises:
         SceneError: no plane of a plausible tilt holds enough points.
     """
     sample = np.array(points[:: max(1, len(points) // _SAMPLE)])
-    proposals = _proposals(sample, up)
-    votes = plane_votes(sample, proposals, _COARSE_M)
-    candidates: list[tuple[int, Floats]] = []
-    tries = 0
-    while len(candidates) < _CANDIDATES and len(proposals):
-        best = int(np.argmax(votes))
-        if votes[best] < max(30, 0.02 * len(sample)) or tries == _TRIES:
-            break
-        tries += 1
-        plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M))
-        if plane is None or not _plausible(plane[None], up)[0]:
-            plane = proposals[best]
-        elif _opaque(plane, sample) and not any(
-            _alike(found[None], plane, sample)[0] for _, found in candidates
-        ):
-            candidates.append((int(votes[best]), plane))
-        rest = ~_alike(proposals, plane, sample)
-        rest[best] = False
-        proposals, votes = proposals[rest], votes[rest]
-    if not candidates:
+    # 1. The planes that hold most points of a sample.
+    planes = _planes_in(sample, up)
+    if not planes:
         raise SceneError(
             "no support plane found; valid: a view with a level surface under the objects"
         )
-    if up is None:  # a level plane faces up in the image unless the camera looks straight down
-        upright = [found for found in candidates if found[1][1] < -_TILT_UPRIGHT]
-        candidates = upright or candidates
-    noise_m = np.zeros(len(sample), dtype=np.float32)
-    within = np.ones(len(sample), dtype=bool)
-    if eye is not None:
-        ranges = np.linalg.norm(sample - eye.astype(np.float32), axis=1)
-        noise_m, within = axial_noise_m(ranges), ranges <= max_range_m
-    carried = [_carried(sample, within, noise_m, plane) for _, plane in candidates]
-    chosen = _choose(candidates, carried)
-    dense = np.array(points[:: max(1, len(points) // 20_000)])
-    if eye is not None:  # a second table behind may be level with this one, but not quite
-        off = dense - eye.astype(np.float32)
-        near = np.einsum("ij,ij->i", off, off) <= max_range_m**2
-        dense = dense[near] if np.count_nonzero(near) > 1000 else dense
+    # 2. The one of them that carries most.
+    chosen = _choose(planes, _all_carried(sample, planes, camera_position_m, max_range_m))
+    # 3. The same plane through many points near the objects.
+    dense = _dense(points, camera_position_m, max_range_m)
     plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M))
     if plane is None:
         plane = chosen
@@ -91,6 +81,60 @@ def find_support_plane(
             "level surface under the objects"
         )
     return Plane(readonly(plane[:3].copy()), float(plane[3]))
+
+
+def _planes_in(sample: Points, up: Floats | None) -> list[tuple[int, Floats]]:
+    """Points held and (4,) n, d of planes that are not alike, by the proposals' votes."""
+    proposals = _proposals(sample, up)
+    votes = plane_votes(sample, proposals, _COARSE_M)
+    found: list[tuple[int, Floats]] = []
+    tries = 0
+    while len(found) < _MOST_PLANES and len(proposals):
+        best = int(np.argmax(votes))
+        least = max(_LEAST_VOTES[0], _LEAST_VOTES[1] * len(sample))
+        if votes[best] < least or tries == _TRIES:
+            break
+        tries += 1
+        plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M))
+        if plane is None or not _plausible(plane[None], up)[0]:
+            plane = proposals[best]
+        elif _opaque(plane, sample) and not any(
+            _alike(other[None], plane, sample)[0] for _, other in found
+        ):
+            found.append((int(votes[best]), plane))
+        rest = ~_alike(proposals, plane, sample)
+        rest[best] = False
+        proposals, votes = proposals[rest], votes[rest]
+    if up is None:  # a level plane faces up in the image unless the camera looks straight down
+        upright = [item for item in found if item[1][1] < -_TILT_UPRIGHT]
+        found = upright or found
+    return found
+
+
+def _all_carried(
+    sample: Points,
+    planes: list[tuple[int, Floats]],
+    camera_position_m: Floats | None,
+    max_range_m: float,
+) -> list[int]:
+    """What each plane carries of the sample's points in reach of the camera."""
+    noise_m = np.zeros(len(sample), dtype=np.float32)
+    within = np.ones(len(sample), dtype=bool)
+    if camera_position_m is not None:
+        ranges = np.linalg.norm(sample - camera_position_m.astype(np.float32), axis=1)
+        noise_m, within = axial_noise_m(ranges), ranges <= max_range_m
+    return [_carried(sample, within, noise_m, plane) for _, plane in planes]
+
+
+def _dense(points: Points, camera_position_m: Floats | None, max_range_m: float) -> Points:
+    """Many points, where there are enough those in reach of the camera."""
+    dense = np.array(points[:: max(1, len(points) // _DENSE)])
+    if camera_position_m is None:
+        return dense
+    # A second table behind may be level with this one, but not quite.
+    off = dense - camera_position_m.astype(np.float32)
+    near = np.einsum("ij,ij->i", off, off) <= max_range_m**2
+    return dense[near] if np.count_nonzero(near) > _ENOUGH else dense
 
 
 def _plane(values: Floats) -> Plane:
@@ -116,14 +160,21 @@ def _opaque(plane: Floats, sample: Points) -> bool:
 
 
 def support_frame(plane: Plane, optical: bool) -> Floats:
-    """T_source_table: z = normal, z = 0 on the plane, origin below the source's origin.
+    """The table's frame: z = normal, z = 0 on the plane, origin below the source's origin.
 
-    x is the optical axis laid on the plane (docs/conventions.md); for a
-    source that is no camera, or one looking straight down, the next axis that can be laid.
+    x is the optical axis laid on the plane (docs/conventions.md); for a source that is no camera,
+    or one looking straight down, the next axis that can be laid.
+
+    Args:
+        plane: in the source frame.
+        optical: whether that is a camera's.
+
+    Returns:
+        (4, 4) T_source_table.
     """
     axes = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0)) if optical else ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     laid = [np.array(axis) - plane.normal * (plane.normal @ np.array(axis)) for axis in axes]
-    x = laid[0] if np.linalg.norm(laid[0]) > 0.05 else laid[1]
+    x = laid[0] if np.linalg.norm(laid[0]) > _LAID else laid[1]
     x = x / np.linalg.norm(x)
     rotation = np.column_stack((x, np.cross(plane.normal, x), plane.normal))
     return make_transform(rotation, -plane.normal * plane.offset_m)
@@ -136,18 +187,18 @@ def _proposals(sample: Points, up: Floats | None) -> Floats:
     if count < 3:
         return np.empty((0, 4))
     first = rng.integers(count, size=_PROPOSALS)
-    others = rng.integers(count, size=(_PROPOSALS, 30))
+    others = rng.integers(count, size=(_PROPOSALS, _DRAWN))
     centers = sample[first].astype(np.float64)
     offsets = sample[others].astype(np.float64) - centers[:, None]
     gap = np.linalg.norm(offsets, axis=2)
-    near = (gap > 0.03) & (gap < 0.30)
+    near = (gap > _TRIPLE_M[0]) & (gap < _TRIPLE_M[1])
     rows = np.arange(_PROPOSALS)
     second = np.argmax(near, axis=1)
     near[rows, second] = False
     third = np.argmax(near, axis=1)
     normals = np.cross(offsets[rows, second], offsets[rows, third])
     length = np.linalg.norm(normals, axis=1)
-    good = near[rows, third] & (length > 1e-6)
+    good = near[rows, third] & (length > _LEAST_AREA_M2)
     normals = normals[good] / length[good, None]
     through = centers[good]
     if up is not None:
@@ -173,7 +224,7 @@ def _refit(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Fl
     for tolerance_m in tolerances_m:
         sums = plane_sums(points, plane, anchor, tolerance_m)
         count = sums[0]
-        if count < 10:
+        if count < _FEWEST_FITTED:
             return None
         mean = sums[1:4] / count
         xx, xy, xz, yy, yz, zz = sums[4:] / count
@@ -196,18 +247,24 @@ def _carried(sample: Points, within: NDArray[np.bool_], noise_m: Points, plane: 
     cells = np.floor(on[:, :2] / _CELL_M).astype(np.int64)
     if len(np.unique(cells[:, 0] * (1 << 32) + cells[:, 1])) * _CELL_M**2 < _LEAST_PATCH_M2:
         return -1
-    lowest = _CARRIED_M[0] + 4 * noise_m
+    lowest = _CARRIED_M[0] + _CARRIED_NOISE * noise_m
     over = local[within & (local[:, 2] > lowest) & (local[:, 2] < _CARRIED_M[1])]
     return int(np.count_nonzero(_over_patch(on, over)))
 
 
 def patch_over(points: Points, T_source_table: Floats, above: Points) -> NDArray[np.bool_]:
-    """(K,) whether points `above` (table frame) stand over the part of the plane that was seen.
+    """Whether points stand over the part of the plane that was seen.
 
-    points: (N, 3) of the view in the source frame.
+    Args:
+        points: (N, 3) float32 of the view, source frame, m.
+        T_source_table: (4, 4).
+        above: (K, 3) float32, the points in question, table frame, m.
+
+    Returns:
+        (K,) bool.
     """
-    local = transform(invert(T_source_table), points[:: max(1, len(points) // 4_000)])
-    return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above, margin=3)
+    local = transform(invert(T_source_table), points[:: max(1, len(points) // _PATCH_SAMPLE)])
+    return _over_patch(local[np.abs(local[:, 2]) < _COARSE_M], above, margin=_RIM_CELLS)
 
 
 def _over_patch(on: Points, above: Points, margin: int = 0) -> NDArray[np.bool_]:
@@ -221,7 +278,7 @@ def _over_patch(on: Points, above: Points, margin: int = 0) -> NDArray[np.bool_]
     cells = np.floor(on[:, :2] / _CELL_M).astype(np.int64)
     lowest = cells.min(axis=0) - 1 - margin
     shape = cells.max(axis=0) - lowest + 2 + margin
-    if np.any(shape > 2000):
+    if np.any(shape > _MOST_CELLS):
         return inside
     patch = np.zeros(shape, dtype=bool)
     patch[tuple((cells - lowest).T)] = True
@@ -247,15 +304,15 @@ def _spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(patch | (rows & columns))
 
 
-def _choose(candidates: list[tuple[int, Floats]], carried: list[int]) -> Floats:
+def _choose(planes: list[tuple[int, Floats]], carried: list[int]) -> Floats:
     """The plane that carries most, of those with a fair share of points; else the highest.
 
     A slanted plane through the objects has few points; a table hides the floor under it.
     """
-    most = max(votes for votes, _ in candidates)
-    fair = [k for k, (votes, _) in enumerate(candidates) if votes >= _FAIR_SHARE * most]
+    most = max(votes for votes, _ in planes)
+    fair = [k for k, (votes, _) in enumerate(planes) if votes >= _FAIR_SHARE * most]
     clear = [k for k in fair if carried[k] >= _FEWEST_CARRIED]
     if clear:
-        return candidates[max(clear, key=lambda k: (carried[k], -k))][1]
+        return planes[max(clear, key=lambda k: (carried[k], -k))][1]
     broad = [k for k in fair if carried[k] >= 0] or fair
-    return candidates[min(broad, key=lambda k: (float(candidates[k][1][3]), k))][1]
+    return planes[min(broad, key=lambda k: (float(planes[k][1][3]), k))][1]

@@ -96,11 +96,11 @@ def rows_of(values: NDArray[np.int64], among: NDArray[np.int32]) -> NDArray[np.i
     """Where values stand in a rising array.
 
     Args:
-        values: (...) int, any shape.
+        values: (...,) int64.
         among: (N,) int32, rising.
 
     Returns:
-        (...) int64 rows of `among`, -1 where a value is not in it.
+        (...,) int64 rows of `among`, -1 where a value is not in it.
     """
     if len(among) == 0:
         return np.full(np.shape(values), -1, dtype=np.int64)

@@ -46,7 +46,8 @@ class Capture:
         rgb: (H, W, 3) uint8, or None.
         mask: (H, W) bool, True on the target; (N,) for an unorganized cloud; or None.
         target_pixel: (u, v) on the target, or None.
-        robot_mask: like `mask`, True on the robot's own arm, whose points are dropped; or None.
+        robot_mask: (H, W) bool, or (N,) like `mask`, True on the robot's own arm, whose points are
+            dropped; or None.
         points: (N, 3) float32, m, in `cloud_frame`; None for a depth image. Missing points of
             an organized cloud are NaN; an unorganized cloud has none and is sorted, so that
             the order in which it came changes nothing.
@@ -111,7 +112,7 @@ class Capture:
             T_base_camera: (4, 4), or None.
             mask: (N,) or (H, W) bool, True on the target, or None.
             target_pixel: (u, v) on the target of an organized cloud, or None.
-            robot_mask: like `mask`, True on the robot's own arm, or None.
+            robot_mask: (N,) or (H, W) bool, True on the robot's own arm, or None.
 
         Returns:
             The capture.

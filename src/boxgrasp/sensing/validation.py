@@ -173,12 +173,12 @@ def validate_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | No
     """Colors beside an image or a cloud.
 
     Args:
-        value: (*shape, 3) uint8 red, green, blue, or None.
+        value: (N, 3) or (H, W, 3) uint8 red, green, blue, or None.
         shape: of the image or cloud.
         name: of the colors, in messages.
 
     Returns:
-        A read-only copy; None for None.
+        (N, 3) or (H, W, 3) uint8, a read-only copy; None for None.
 
     Raises:
         CaptureError: another type or shape.
@@ -203,7 +203,7 @@ def validate_mask(value: Any, shape: tuple[int, ...], name: str) -> Bools | None
         name: of the mask, in messages.
 
     Returns:
-        A read-only bool copy; None for None.
+        (N,) or (H, W) bool, a read-only copy; None for None.
 
     Raises:
         CaptureError: another type or shape, or a target's mask that is empty.
@@ -258,7 +258,7 @@ def validate_points(value: Any) -> tuple[Points, tuple[int, int] | None]:
         value: (N, 3) or organized (H, W, 3) float, m.
 
     Returns:
-        (N, 3) float32, its own copy; and (H, W) where the cloud is organized, else None.
+        (N, 3) float32, m, its own copy; and (H, W) where the cloud is organized, else None.
 
     Raises:
         CaptureError: another type or shape, or no points.
@@ -347,13 +347,13 @@ def in_order(
 
     Args:
         keep: (N,) bool, which points are valid.
-        points: (N, 3) float32.
+        points: (N, 3) float32, m.
         colors: (N, 3) uint8, or None.
         mask: (N,) bool, or None.
         robot_mask: (N,) bool, or None.
 
     Returns:
-        The four, read-only.
+        (n, 3) points, (n, 3) colors, (n,) mask and (n,) robot mask, read-only.
 
     Raises:
         CaptureError: the mask marks no valid point.

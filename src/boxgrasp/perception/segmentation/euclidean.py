@@ -22,8 +22,8 @@ def euclidean_clusters(
 
     Args:
         points: (K, 3) float32, table frame, m.
-        colors: not looked at.
-        camera_position_m: not looked at.
+        colors: (K, 3) float32 or None, not looked at.
+        camera_position_m: (3,) or None, m, not looked at.
         config: the settings.
 
     Returns:

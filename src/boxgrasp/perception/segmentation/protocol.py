@@ -9,14 +9,11 @@ from boxgrasp.perception.segmentation.clusters import Clusters
 
 
 class SegmentationConfig(Protocol):
-    """What a segmentation reads of the settings in section `scene`.
-
-    Attributes:
-        cluster_tolerance_m: points nearer than this are one thing, m.
-    """
+    """What a segmentation reads of the settings in section `scene`."""
 
     @property
-    def cluster_tolerance_m(self) -> float: ...
+    def cluster_tolerance_m(self) -> float:
+        """Points nearer than this are one thing, m."""
 
 
 class Segmentation(Protocol):
