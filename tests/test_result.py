@@ -240,6 +240,9 @@ def test_what_is_no_answer_is_refused_in_one_line(text: str) -> None:
         (("candidates",), None),
         (("candidates", 0, "checks"), [1]),
         (("candidates", 0, "checks", "width"), {"value": 1}),
+        (("candidates", 0, "checks", "width", "more"), 1),
+        (("candidates", 0, "checks", "width", "value"), "wide"),
+        (("candidates", 0, "more"), 1),
         (("candidates", 0, "rank"), "first"),
         (("grasp", "T_base_gripper"), [[1, 2], [3, 4]]),
         (("grasp", "T_base_gripper"), [[1, 2], [3]]),
@@ -292,7 +295,12 @@ def test_an_answer_tells_itself_in_a_line_and_in_a_paragraph() -> None:
     assert grasp.grasp is not None and ask.refusal is not None
     name = f"{grasp.grasp.face_name} line {grasp.grasp.line}"
     assert repr(grasp).startswith(f"Selection(grasp: {name}, ")
-    assert f"{100 * (grasp.grasp.clearance_m or 0):.1f} cm clear" in grasp.summary()
+    assert grasp.grasp.clearance_m == 0.5 and ", 50.0 cm or more clear, " in grasp.summary()
+    near = GraspSelector().select(
+        seen(laid(item("green_cube", 0.85, 0.0), item("mug", 0.8, 0.2)), 0)
+    )
+    assert near.grasp is not None and near.grasp.clearance_m is not None
+    assert f", {100 * near.grasp.clearance_m:.1f} cm clear, " in near.summary()
     assert ask.refusal.message in repr(ask) and ask.refusal.message in ask.summary()
     assert "passed" in repr(grasp.passing[0])
     assert ask.candidates[0].rejections[0].sentence in repr(ask.candidates[0])
@@ -325,6 +333,10 @@ def test_a_candidate_that_is_none_is_refused(label: int) -> None:
         (
             Rejection("unseen_fraction", 0.432, 0.25, "fraction"),
             "unseen fraction: 43 %, at most 25 %",
+        ),
+        (
+            Rejection("approach_clearance", 0.00496, 0.005, "m"),
+            "approach clearance: 0.496 cm, needs 0.500 cm",
         ),
         (Rejection("width_known", 0.0, 1.0, None), "width known: no"),
         (Rejection("payload", 2.5, 2.0, "kg"), "payload: 2.5 kg, at most 2 kg"),

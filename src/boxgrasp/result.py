@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from boxgrasp.arrays import Array, Floats, readonly
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, CodedWarning
+from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.grasps.checks.check import Rejection, spelled
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.strict import build, plain
-
-if TYPE_CHECKING:
-    from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.capture import Capture
+from boxgrasp.strict import build
 
 SCHEMA = 2
 JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
@@ -229,7 +228,26 @@ class Selection:
     version: str
     capture: str | None = None
     risk: None = None
-    _seen: Capture | None = field(default=None, repr=False)
+
+    _seen: ClassVar[Capture | None] = None  # of an answer that `seen_in` made
+
+    def seen_in(self, capture: Capture) -> Selection:
+        """The same answer, which a notebook shows drawn into its capture.
+
+        Args:
+            capture: the view that was answered; it is kept as long as the answer.
+
+        Returns:
+            A copy.
+        """
+        answer = replace(self)
+        object.__setattr__(answer, "_seen", capture)
+        return answer
+
+    @property
+    def schema(self) -> int:
+        """Version of the JSON form."""
+        return SCHEMA
 
     @property
     def status(self) -> str:
@@ -275,7 +293,7 @@ class Selection:
         clear = self.grasp.clearance_m
         return (
             f"{self.candidate(self.grasp.label).name}, "
-            + ("" if clear is None else f"{spelled(clear, 'm')} clear, ")
+            + ("" if clear is None else f"{_clear(clear)} clear, ")
             + f"opening {spelled(self.grasp.opening_m, 'm')}"
         )
 
@@ -318,25 +336,8 @@ class Selection:
         Returns:
             Plain lists, numbers and strings, in the order of the published schema.
         """
-        return {
-            "schema": SCHEMA,
-            "capture": self.capture,
-            "status": self.status,
-            "frame": self.frame,
-            "T_base_camera": _listed(self.T_base_camera),
-            "ranker": self.ranker,
-            "grasp": None if self.grasp is None else _grasp_dict(self.grasp),
-            "refusal": None if self.refusal is None else _refusal_dict(self.refusal),
-            "passing": [candidate.label for candidate in self.passing],
-            "box": {item.name: _listed(getattr(self.box, item.name)) for item in fields(TargetBox)},
-            "gripper": plain(self.gripper),
-            "candidates": [_candidate_dict(candidate) for candidate in self.candidates],
-            "risk": self.risk,
-            "warnings": [plain(warning) for warning in self.warnings],
-            "config_hash": self.config_hash,
-            "timings_ms": dict(self.timings_ms),
-            "version": self.version,
-        }
+        answer: dict[str, Any] = _plain(self)
+        return answer
 
     def to_json(self) -> str:
         """The answer as one line of JSON.
@@ -371,182 +372,119 @@ class Selection:
             )
         if found != SCHEMA or isinstance(found, bool):
             raise BoxgraspError(f"not an answer: schema is {found!r}; valid: {SCHEMA}")
-        try:
-            return _selection(data)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise BoxgraspError(f"not an answer: {' '.join(str(error).split())}") from None
+        return _selection(data)
 
 
-def _listed(array: Array | None) -> Any:
-    """Nested lists; null for what is infinite."""
-    if array is None:
+def _clear(distance_m: float) -> str:
+    """A clearance in words, at the cap too."""
+    return f"{spelled(CAP_M, 'm')} or more" if distance_m >= CAP_M else spelled(distance_m, "m")
+
+
+# What JSON tells of a class, in this order, where it is more than the fields; of others the fields.
+_JSON_NAMES: dict[type[Any], tuple[str, ...]] = {
+    Selection: (
+        *("schema", "capture", "status", "frame", "T_base_camera", "ranker", "grasp", "refusal"),
+        *("passing", "box", "gripper", "candidates", "risk", "warnings", "config_hash"),
+        *("timings_ms", "version"),
+    ),
+    Candidate: (
+        *("label", "face", "face_name", "line", "rank", "T_base_gripper", "width_m", "passed"),
+        *("checks", "rejections"),
+    ),
+    Grasp: (
+        *("label", "face", "face_name", "line", "T_base_gripper", "T_base_tcp"),
+        *("T_base_pregrasp", "position_m", "quaternion_xyzw", "opening_m", "width_m"),
+        *("clearance_m", "clearance_at_least_m", "probability_clear", "confidence"),
+        "T_base_flange",
+    ),
+}
+_SHAPES = {
+    "position_m": (3,),
+    "quaternion_xyzw": (4,),
+    "dimensions_m": (3,),
+    "dimensions_at_least_m": (3,),
+    "dimensions_at_most_m": (3,),
+}
+
+
+def _plain(value: Any) -> Any:
+    """Nested lists, maps, numbers and strings; null for an infinite bound."""
+    if isinstance(value, np.ndarray):
+        return [_plain(item) for item in value.tolist()]
+    if isinstance(value, float) and not np.isfinite(value):
         return None
-    return [
-        None if isinstance(value, float) and not np.isfinite(value) else value
-        for value in array.tolist()
-    ]
-
-
-def _grasp_dict(grasp: Grasp) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for item in fields(Grasp):
-        value = getattr(grasp, item.name)
-        values[item.name] = _listed(value) if isinstance(value, np.ndarray) else value
-        if item.name == "face":
-            values["face_name"] = grasp.face_name
-    return values
-
-
-def _refusal_dict(refusal: Refusal) -> dict[str, Any]:
-    return {
-        "code": refusal.code,
-        "message": refusal.message,
-        "nearest_label": refusal.nearest_label,
-        "violations": [plain(violation) for violation in refusal.violations],
-    }
-
-
-def _candidate_dict(candidate: Candidate) -> dict[str, Any]:
-    return {
-        "label": candidate.label,
-        "face": candidate.face,
-        "face_name": candidate.face_name,
-        "line": candidate.line,
-        "rank": candidate.rank,
-        "T_base_gripper": candidate.T_base_gripper.tolist(),
-        "width_m": candidate.width_m,
-        "passed": candidate.passed,
-        "checks": {name: plain(said) for name, said in candidate.checks.items()},
-        "rejections": [rejection.sentence for rejection in candidate.rejections],
-    }
-
-
-def _selection(data: dict[str, Any]) -> Selection:
-    names = {"schema", "status", "passing", *(f.name for f in fields(Selection))} - {"_seen"}
-    _only(data, names)
-    candidates = tuple(_candidate(item) for item in _list(data, "candidates"))
-    grasp = None if data["grasp"] is None else _grasp(data["grasp"])
-    refusal = None if data["refusal"] is None else _refusal(data["refusal"])
-    if (grasp is None) == (refusal is None):
-        raise ValueError("neither or both of grasp and refusal; valid: one")
-    box = data["box"]
-    _only(box, {item.name for item in fields(TargetBox)})
-    selection = Selection(
-        grasp=grasp,
-        refusal=refusal,
-        candidates=candidates,
-        box=TargetBox(
-            _array(box, "T_base_box", (4, 4)),
-            *(_array(box, item.name, (3,)) for item in fields(TargetBox)[1:]),
-        ),
-        gripper=build(Gripper, data["gripper"], "gripper", BoxgraspError),
-        ranker=_of(str, data, "ranker"),
-        frame=_of(str, data, "frame"),
-        T_base_camera=_optional(_transform, data, "T_base_camera"),
-        warnings=tuple(
-            build(CodedWarning, item, "warning", BoxgraspError) for item in _list(data, "warnings")
-        ),
-        config_hash=_of(str, data, "config_hash"),
-        timings_ms={name: float(ms) for name, ms in _of(dict, data, "timings_ms").items()},
-        version=_of(str, data, "version"),
-        capture=_optional(lambda d, k: _of(str, d, k), data, "capture"),
-    )
-    said = {"status": selection.status, "passing": [item.label for item in selection.passing]}
-    for name, value in said.items():
-        if data[name] != value:
-            raise ValueError(f"{name} is {data[name]!r} but its fields say {value!r}")
-    return selection
-
-
-def _candidate(data: dict[str, Any]) -> Candidate:
-    derived = {"face_name", "passed", "rejections"}
-    _only(data, {item.name for item in fields(Candidate)} | derived)
-    checks = {name: _check_value(said) for name, said in _of(dict, data, "checks").items()}
-    return Candidate(
-        label=_of(int, data, "label"),
-        face=_of(int, data, "face"),
-        line=_of(int, data, "line"),
-        rank=_of(int, data, "rank"),
-        T_base_gripper=_transform(data, "T_base_gripper"),
-        width_m=_number(data, "width_m"),
-        checks=checks,
-    )
-
-
-def _check_value(data: dict[str, Any]) -> CheckValue:
-    return build(CheckValue, data, "check", BoxgraspError)
-
-
-def _grasp(data: dict[str, Any]) -> Grasp:
-    _only(data, {item.name for item in fields(Grasp)} | {"face_name"})
-    return Grasp(
-        label=_of(int, data, "label"),
-        face=_of(int, data, "face"),
-        line=_of(int, data, "line"),
-        T_base_gripper=_transform(data, "T_base_gripper"),
-        T_base_tcp=_transform(data, "T_base_tcp"),
-        T_base_pregrasp=_transform(data, "T_base_pregrasp"),
-        position_m=_array(data, "position_m", (3,)),
-        quaternion_xyzw=_array(data, "quaternion_xyzw", (4,)),
-        opening_m=_number(data, "opening_m"),
-        width_m=_number(data, "width_m"),
-        clearance_m=_optional(_number, data, "clearance_m"),
-        clearance_at_least_m=_optional(_number, data, "clearance_at_least_m"),
-        probability_clear=_optional(_number, data, "probability_clear"),
-        confidence=_optional(_number, data, "confidence"),
-        T_base_flange=_optional(_transform, data, "T_base_flange"),
-    )
-
-
-def _refusal(data: dict[str, Any]) -> Refusal:
-    _only(data, {item.name for item in fields(Refusal)})
-    return Refusal(
-        _of(str, data, "code"),
-        _of(str, data, "message"),
-        _of(int, data, "nearest_label"),
-        tuple(
-            build(Rejection, item, "violation", BoxgraspError) for item in _list(data, "violations")
-        ),
-    )
-
-
-def _only(data: Mapping[str, Any], names: Iterable[str]) -> None:
-    if set(data) != set(names):
-        raise ValueError(f"missing or unknown fields {sorted(set(data) ^ set(names))}")
-
-
-def _of(kind: type[Any], data: Mapping[str, Any], name: str) -> Any:
-    value = data[name]
-    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise ValueError(f"{name} is {value!r:.40}; valid: {kind.__name__}")
+    if type(value) in _JSON_NAMES:
+        return {name: _told(value, name) for name in _JSON_NAMES[type(value)]}
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {name: _plain(item) for name, item in value.items()}
     return value
 
 
-def _list(data: Mapping[str, Any], name: str) -> list[Any]:
-    found: list[Any] = _of(list, data, name)
-    return found
+def _told(value: Any, name: str) -> Any:
+    """A field or property as JSON has it: reasons in words, passing candidates by their labels."""
+    found = getattr(value, name)
+    if name == "rejections":
+        return [rejection.sentence for rejection in found]
+    return [candidate.label for candidate in found] if name == "passing" else _plain(found)
 
 
-def _number(data: Mapping[str, Any], name: str) -> float:
-    value = data[name]
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} is {value!r:.40}; valid: a number")
-    return float(value)
+def _selection(data: dict[str, Any]) -> Selection:
+    """The selection of a JSON object of schema 2.
+
+    Raises:
+        BoxgraspError: missing, unknown or wrong fields, or some that contradict each other.
+    """
+    own = _fields_alone(data, Selection)
+    if isinstance(own["candidates"], list):
+        own["candidates"] = [_fields_alone(item, Candidate) for item in own["candidates"]]
+    own["grasp"] = _fields_alone(own["grasp"], Grasp)
+    selection = build(Selection, _with_arrays(own), "not an answer", BoxgraspError)
+    if (selection.grasp is None) == (selection.refusal is None):
+        raise BoxgraspError("not an answer: neither or both of grasp and refusal; valid: one")
+    for name in ("status", "passing"):
+        if data[name] != _told(selection, name):
+            raise BoxgraspError(
+                f"not an answer: {name} is {data[name]!r:.40}, but its candidates and grasp say "
+                f"{_told(selection, name)!r:.40}"
+            )
+    return selection
 
 
-def _optional(read: Callable[[Any, str], Any], data: Mapping[str, Any], name: str) -> Any:
-    return None if data[name] is None else read(data, name)
+def _fields_alone(data: Any, kind: type[Any]) -> Any:
+    """The data of a class without what JSON tells beside its fields.
+
+    Raises:
+        BoxgraspError: missing or unknown names.
+    """
+    if not isinstance(data, dict):
+        return data
+    if set(data) != set(_JSON_NAMES[kind]):
+        wrong = sorted(set(data) ^ set(_JSON_NAMES[kind]))
+        raise BoxgraspError(f"not an answer: missing or unknown fields {wrong}")
+    names = {item.name for item in fields(kind)}
+    return {name: value for name, value in data.items() if name in names}
 
 
-def _transform(data: Mapping[str, Any], name: str) -> Floats:
-    return validate_transform(data[name], name)
-
-
-def _array(data: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Floats:
-    value = data[name]
-    if name == "dimensions_at_most_m" and isinstance(value, list):
-        value = [np.inf if item is None else item for item in value]
-    array = np.array(value, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}; valid: {shape}")
+def _with_arrays(data: Any, name: str = "") -> Any:
+    """The data with read-only arrays for transforms, positions and dimensions."""
+    if isinstance(data, dict):
+        return {key: _with_arrays(value, str(key)) for key, value in data.items()}
+    if name == "T_gripper_tcp" or not isinstance(data, list):
+        return data
+    if name.startswith("T_"):
+        return validate_transform(data, name)
+    if name not in _SHAPES:
+        return [_with_arrays(value) for value in data]
+    try:
+        array = np.array([np.inf if item is None else item for item in data], dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BoxgraspError(f"not an answer: {name} is not numeric; valid: numbers") from None
+    if array.shape != _SHAPES[name]:
+        raise BoxgraspError(
+            f"not an answer: {name} has shape {array.shape}; valid: {_SHAPES[name]}"
+        )
     return readonly(array)

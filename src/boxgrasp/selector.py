@@ -165,7 +165,7 @@ class GraspSelector:
         # 6. The first in this order that passes, or a question (6-1).
         selection = self._answer(analysis, ranking)
         clock.lap("answer")
-        return replace(selection, timings_ms=clock.timings_ms(), _seen=capture)
+        return replace(selection, timings_ms=clock.timings_ms()).seen_in(capture)
 
     def analyze(
         self,

@@ -63,6 +63,8 @@ def _validated(kind: Any, data: Any, place: Place) -> Any:
         return {key: _validated(hints[key], value, (*place, key)) for key, value in data.items()}
     if isinstance(data, Mapping) and typing.get_origin(_strip(kind)) is dict:
         return _free(data, place)
+    if isinstance(data, Mapping) and (of := _value_kind(kind)) is not None:
+        return {key: _validated(of, value, (*place, key)) for key, value in data.items()}
     if isinstance(data, list | tuple) and kind is not Any:
         items = _item_kinds(kind)
         pairs = zip(items, data, strict=False)
@@ -128,6 +130,15 @@ def _section(kind: Any) -> type[Any] | None:
     for member in _members(kind):
         if isinstance(member, type) and dataclasses.is_dataclass(member):
             return member
+    return None
+
+
+def _value_kind(kind: Any) -> Any:
+    """The type of a map's values, None for what is no map of dataclasses."""
+    for member in _members(kind):
+        args = typing.get_args(member)
+        if typing.get_origin(member) in (dict, Mapping) and _section(args[1]) is not None:
+            return args[1]
     return None
 
 

@@ -182,15 +182,24 @@ class Rejection:
         if self.object is not None:
             what += f" to object {self.object}" if self.object > 0 else " to an unnumbered obstacle"
         asked = "needs" if self.value < self.limit else "at most"
-        return f"{what}: {spelled(self.value, self.unit)}, {asked} {spelled(self.limit, self.unit)}"
+        values = (self.value, self.limit)
+        finer = (
+            digits
+            for digits in (1, 2, 3)
+            if len({spelled(v, self.unit, digits) for v in values}) > 1
+        )
+        digits = next(finer, 1)  # a value just off its limit must not read like it
+        found, limit = (spelled(value, self.unit, digits) for value in values)
+        return f"{what}: {found}, {asked} {limit}"
 
 
-def spelled(value: float, unit: str | None) -> str:
+def spelled(value: float, unit: str | None, digits: int = 1) -> str:
     """A check's value for people.
 
     Args:
         value: in `unit`.
         unit: as in `CheckResult`.
+        digits: decimals of centimeters; one less of percent.
 
     Returns:
         `1.2 cm`, `43 %`, `yes`, or the number and its unit.
@@ -198,8 +207,8 @@ def spelled(value: float, unit: str | None) -> str:
     if unit is None:
         return "yes" if value else "no"
     if unit == "m":
-        return f"{100 * value:.1f} cm"
-    return f"{value:.0%}".replace("%", " %") if unit == "fraction" else f"{value:g} {unit}"
+        return f"{100 * value:.{digits}f} cm"
+    return f"{100 * value:.{digits - 1}f} %" if unit == "fraction" else f"{value:g} {unit}"
 
 
 def validate_check(check: Any) -> Check:
