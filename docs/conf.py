@@ -6,6 +6,8 @@ import re
 import typing
 from pathlib import Path
 
+from sphinx.util.inspect import TypeAliasForwardRef
+
 import boxgrasp
 from boxgrasp.config import Config
 from boxgrasp.perception.segmentation import SEGMENTATIONS
@@ -21,6 +23,7 @@ exclude_patterns = ["_build"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 autodoc_typehints = "description"
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "Bools", "Floats", "Points")}
 autodoc_member_order = "bysource"
 autodoc_class_signature = "separated"
 html_theme = "furo"
@@ -35,6 +38,9 @@ NAMED = {
     "faces": "a list of faces' names",
     "segmentation": ", ".join(SEGMENTATIONS),
 }
+
+# A union with an alias is spelled by the alias's repr, which names Sphinx's own class otherwise.
+TypeAliasForwardRef.__repr__ = lambda self: self.name
 
 
 def attributes_of(kind):
