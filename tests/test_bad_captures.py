@@ -451,7 +451,7 @@ def test_noise_after_a_valid_start_loads_or_says_why(name, valid, noise, keep):
 _BIG = """
 import resource, sys, time
 import numpy as np
-from boxgrasp.sensing.capture import Capture
+from boxgrasp import load_capture
 path, count = sys.argv[1], int(sys.argv[2])
 start = time.perf_counter()
 capture = load_capture(path)

@@ -66,16 +66,81 @@ def test_all_ways_of_saying_missing_are_one():
     np.testing.assert_array_equal(clean[1:], SEEN.depth[1:])
 
 
-@pytest.mark.parametrize("odd", [-0.5, np.inf, -np.inf])
-def test_few_impossible_depths_are_noted_and_many_refused(odd):
-    depth = np.full((100, 100), 0.9, np.float32)
-    depth[0, :10] = odd
+MISSING = (0.0, -0.0, np.nan, np.inf, -np.inf)  # REP 117: invalid, nothing in range, too near
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.sampled_from((None, *MISSING)), min_size=40, max_size=40), st.booleans())
+def test_any_share_of_missing_depth_is_missing(pattern, double):
+    """However it is said, and however much of it there is, as long as something is measured."""
+    depth = np.linspace(0.5, 1.5, 40).reshape(5, 8)
+    gone = np.array([said is not None for said in pattern]).reshape(5, 8)
+    depth[gone] = [said for said in pattern if said is not None]
+    if not double:
+        depth = depth.astype(np.float32)
+    intrinsics = [[9, 0, 4], [0, 9, 2], [0, 0, 1]]
+    if gone.all():
+        with pytest.raises(CaptureError, match="missing at every pixel"):
+            Capture(depth, intrinsics)
+        return
+    capture, plain = Capture(depth, intrinsics), Capture(np.where(gone, 0, depth), intrinsics)
+    assert capture.warnings == ()
+    np.testing.assert_array_equal(capture.depth, plain.depth)
+    np.testing.assert_array_equal(capture.depth == 0, gone)
+    for one, other in zip(capture.valid_points(), plain.valid_points(), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.sampled_from((None, *MISSING[2:])), min_size=20, max_size=20),
+    st.integers(0, 2),
+    st.sampled_from(("optical", "base")),
+)
+def test_any_share_of_missing_points_is_missing(pattern, axis, frame):
+    """A coordinate that is not finite makes a point missing, in both kinds of cloud."""
+    points = np.random.default_rng(0).uniform(0.5, 1.5, (20, 3)).astype(np.float32)
+    gone = np.array([said is not None for said in pattern])
+    points[gone, axis] = [said for said in pattern if said is not None]
+    if gone.all():
+        with pytest.raises(CaptureError, match="no valid point"):
+            Capture.from_cloud(points, cloud_frame=frame)
+        return
+    plain = np.where(gone[:, None], 0, points)
+    for shape in ((20, 3), (4, 5, 3)):
+        one, other = (
+            Capture.from_cloud(cloud.reshape(shape), cloud_frame=frame) for cloud in (points, plain)
+        )
+        assert one.warnings == ()
+        np.testing.assert_array_equal(one.points, other.points)
+        assert len(one.valid_points()[0]) == np.count_nonzero(~gone)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_few_negative_depths_are_noted_and_many_refused(dtype):
+    depth = np.full((100, 100), 0.9, dtype)
+    depth[0, :10] = -0.5
+    depth[50:] = -np.inf  # too near, as much as there is
     capture = Capture(depth, [[90, 0, 50], [0, 90, 50], [0, 0, 1]])
-    assert len(capture.valid_points()[0]) == 9990
-    assert capture.warnings == ("10 negative or infinite depths of 10000 taken as missing",)
-    depth[0, 10] = odd
-    with pytest.raises(CaptureError, match="11 of 10000 pixels"):
+    assert len(capture.valid_points()[0]) == 4990
+    (warning,) = capture.warnings
+    assert warning.code == "depth_negative"
+    assert warning.message == "10 negative depths of 10000 taken as missing"
+    depth[0, 10] = -0.5
+    with pytest.raises(CaptureError, match="negative at 11 of 10000 pixels"):
         Capture(depth, [[90, 0, 50], [0, 90, 50], [0, 0, 1]])
+
+
+def test_few_points_behind_the_camera_are_noted_and_many_refused():
+    points = np.random.default_rng(0).uniform(0.5, 1.5, (4000, 3))
+    points[:4, 2] = -1.0
+    points[1000:2000] = np.inf
+    capture = Capture.from_cloud(points)
+    assert len(capture.points) == 2996
+    assert [warning.code for warning in capture.warnings] == ["points_behind_camera"]
+    points[4, 2] = -1.0
+    with pytest.raises(CaptureError, match="5 of 4000 points behind the camera"):
+        Capture.from_cloud(points)
 
 
 def test_organized_cloud_gives_the_points_and_pixels_of_its_depth_image():
@@ -129,7 +194,7 @@ def test_camera_is_unknown_only_for_a_base_cloud_without_its_pose():
     placed = Capture.from_cloud(points, cloud_frame="base", T_base_camera=T)
     assert placed.has_camera and placed.warnings == ()
     turned = Capture.from_cloud(points, cloud_frame="base", T_base_camera=np.diag([1, -1, -1, 1]))
-    assert "looks away" in turned.warnings[0]
+    assert [warning.code for warning in turned.warnings] == ["camera_looks_away"]
 
 
 K = SEEN.intrinsics
@@ -155,8 +220,9 @@ BAD_VIEWS = {
     "all zero": (dict(depth=SEEN.depth * 0), "every pixel"),
     "all NaN": (dict(depth=SEEN.depth * np.nan), "every pixel"),
     "all far": (dict(depth=SEEN.depth * 0 + 100), "millimeters"),
-    "negative": (dict(depth=-SEEN.depth), "negative or infinite"),
-    "infinite": (dict(depth=np.full_like(SEEN.depth, np.inf)), "negative or infinite"),
+    "negative": (dict(depth=-SEEN.depth), "negative at"),
+    "infinite": (dict(depth=np.full_like(SEEN.depth, np.inf)), "every pixel"),
+    "too near": (dict(depth=np.full_like(SEEN.depth, -np.inf)), "every pixel"),
     "no intrinsics": (dict(intrinsics=None), "intrinsics are missing"),
     "intrinsics 3 x 4": (dict(intrinsics=np.eye(3, 4)), "shape"),
     "intrinsics NaN": (dict(intrinsics=changed(K, (0, 0), np.nan)), "NaN"),
@@ -210,7 +276,7 @@ BAD_CLOUDS = {
     "all NaN": (dict(points=P * np.nan), "no valid point"),
     "all zero": (dict(points=P[:5] * 0), "no valid point"),
     "behind": (dict(points=FEW * (1, 1, -1)), "behind the camera"),
-    "infinite": (dict(points=np.full((2, 3), np.inf), cloud_frame="base"), "infinite"),
+    "infinite": (dict(points=np.full((2, 3), np.inf), cloud_frame="base"), "no valid point"),
     "millimeters": (dict(points=FEW * 1000), "millimeters"),
     "millimeters, base": (
         dict(points=np.random.default_rng(0).random((50, 3)) * 900, cloud_frame="base"),

@@ -81,7 +81,8 @@ def test_folder_takes_jpeg_masks_with_alpha_and_notes_unknown_keys(tmp_path):
     np.testing.assert_array_equal(loaded.robot_mask, SEEN.mask)
     np.testing.assert_allclose(loaded.rgb, smooth, atol=4)
     assert loaded.T_base_camera is None
-    assert len(loaded.warnings) == 1 and "'T_base_cam'" in loaded.warnings[0]
+    (warning,) = loaded.warnings
+    assert warning.code == "unknown_capture_key" and "'T_base_cam'" in warning.message
 
 
 def test_folder_takes_zero_distortion_and_refuses_any_other(tmp_path):
@@ -239,7 +240,8 @@ def test_bag_gives_the_topic_asked_for(tmp_path, bag_kind):
     assert cloud.warnings == () and cloud.shape == (HEIGHT, WIDTH)
     loose = load_capture(path, topic="/robot/points")
     same(loose, Capture.from_cloud(SEEN.points.reshape(-1, 3)), "points")
-    assert "'base_link'" in loose.warnings[0]
+    (warning,) = loose.warnings
+    assert warning.code == "frame_taken_as_optical" and "'base_link'" in warning.message
     base = load_capture(path, topic="/robot/points", cloud_frame="base")
     assert base.warnings == () and not base.has_camera
     with pytest.raises(CaptureError, match="/nowhere.*valid: .*/camera/depth/image_raw"):
@@ -352,8 +354,9 @@ def test_simulated_captures_load(captures_dir):
                 (arrays["depth"] > 0) & (arrays["depth"] <= 65.535)
             )
         assert capture.target_pixel is not None and capture.T_base_camera is not None
-        assert len(capture.warnings) == (2 if i == 3 else 0)
-    assert "175 negative" in capture.warnings[0]
+        codes = ["depth_negative", "depth_beyond_range"] if i == 3 else []
+        assert [warning.code for warning in capture.warnings] == codes
+    assert "175 negative" in capture.warnings[0].message
 
 
 def test_readers_import_only_what_the_format_needs(tmp_path):
