@@ -275,14 +275,56 @@ def _raise_faults(doc: Doc, function: Callable[..., Any], takes: dict[str, Any])
 
 
 def _raised(function: Callable[..., Any]) -> set[str]:
-    """Public exceptions that a function's own body raises."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Raise) and node.exc is not None:
-            what = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
-            found.add(what.id if isinstance(what, ast.Name) else getattr(what, "attr", ""))
-    return {name for name in found if name[:1].isupper()}
+    """Public exceptions that a function raises, itself or in a private helper of its module."""
+    found: set[str] = set()
+    waiting, met = [function], set()
+    while waiting:
+        one = inspect.unwrap(waiting.pop())
+        if one in met:
+            continue
+        met.add(one)
+        tree = ast.parse(textwrap.dedent(inspect.getsource(one)))
+        names, called = _raised_in(tree, frozenset())
+        found |= names
+        space = vars(importlib.import_module(one.__module__))
+        helpers = (space.get(name) for name in called if name.startswith("_"))
+        waiting += [
+            helper
+            for helper in helpers
+            if isinstance(helper, FunctionType) and helper.__module__ == one.__module__
+        ]
+    return found
+
+
+def _raised_in(node: ast.AST, caught: frozenset[str]) -> tuple[set[str], set[str]]:
+    """Names of the public exceptions that leave a node, and of the functions called in it.
+
+    A function that is called where something is caught may raise what is turned into another
+    error there, so it does not count.
+    """
+    raised: set[str] = set()
+    called: set[str] = set()
+    if isinstance(node, ast.Raise) and node.exc is not None:
+        name = _last_name(node.exc.func if isinstance(node.exc, ast.Call) else node.exc)
+        raised |= {name} - caught if name[:1].isupper() else set()
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not caught:
+        called.add(node.func.id)
+    for field, value in ast.iter_fields(node):
+        within = caught
+        if isinstance(node, ast.Try) and field == "body":
+            kinds = [handler.type for handler in node.handlers if handler.type is not None]
+            parts = [part for kind in kinds for part in getattr(kind, "elts", [kind])]
+            within = caught | {_last_name(part) for part in parts}
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST):
+                names, functions = _raised_in(child, within)
+                raised |= names
+                called |= functions
+    return raised, called
+
+
+def _last_name(node: ast.AST) -> str:
+    return node.id if isinstance(node, ast.Name) else getattr(node, "attr", "")
 
 
 def _has_source(function: FunctionType) -> bool:
@@ -368,7 +410,23 @@ def misnamed(back_m: float) -> None:
 
 def silent_raise() -> None:
     """Refuse."""
+    _refuse()
+
+
+def _refuse() -> None:
     raise SceneError("nothing there")
+
+
+def turned_raise() -> None:
+    """Refuse.
+
+    Raises:
+        ConfigError: always.
+    """
+    try:
+        raise ValueError("inner")
+    except ValueError:
+        raise ConfigError("outer") from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -390,6 +448,7 @@ class Half:
 
 def test_a_full_docstring_has_no_fault() -> None:
     assert faults_of(good) == []
+    assert faults_of(turned_raise) == []
 
 
 @pytest.mark.parametrize(
