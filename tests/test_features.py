@@ -9,17 +9,19 @@ from hypothesis import strategies as st
 
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.geometry.transforms import rotation_z
+from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 from boxgrasp.mapping.local_map import LocalMap, MappingConfig, local_map_of, log_odds
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.ranking.features import (
     FACE_FEATURE,
-    line,
+    line_features,
     line_schema,
     normalized,
-    single,
+    single_features,
     single_schema,
 )
-from boxgrasp.ranking.sampling import RIGHT, TOP_PERPENDICULAR, grid, portion, spiral
+from boxgrasp.ranking.model_set import SampledScenes
+from boxgrasp.ranking.sampling import grid, portion, spiral
 
 BOX = (0.06, 0.18, 0.24)
 FACES = (1, 2, 3, 4, 5)
@@ -31,6 +33,17 @@ def a_map(seed: int, resolution: float) -> LocalMap:
     _, shape = config.lattice()
     values = r.choice([log_odds(0.3), np.float32(0), log_odds(0.7)], shape).astype(np.float32)
     return local_map_of(values, r.random(shape) < 0.7, np.eye(4), config)
+
+
+def single(local: LocalMap, dimensions: Any, points: Any, edge: float | None) -> Any:
+    """(P + 3,) of one scene."""
+    return single_features(local.values_at(points)[None], [dimensions], edge)[0]
+
+
+def line(local: LocalMap, dimensions: Any, points: Any, face: int, edge: float | None) -> Any:
+    """(p + 4,) of one scene on one face."""
+    occupancy = local.values_at(portion(points, face))[None]
+    return line_features(occupancy, [dimensions], face, edge)[0]
 
 
 @pytest.mark.parametrize(
@@ -126,18 +139,36 @@ def test_a_scene_turned_with_the_face_gives_the_same_line_features() -> None:
 
 def test_own_edge_loses_the_scale_and_the_training_sets_edge_keeps_it() -> None:
     small, large = np.array(BOX) / 2, np.array(BOX)
-    np.testing.assert_array_equal(normalized(small, None), normalized(large, None))
-    assert (normalized(small, 0.24) < normalized(large, 0.24)).all()
-    np.testing.assert_array_equal(normalized([0.5, 0.1, 0.12], 0.24)[0], 1.0)
+    own = normalized([small, large], None)
+    np.testing.assert_array_equal(own[0], own[1])
+    first, second = normalized([small, large], 0.24)
+    assert (first < second).all()
+    assert normalized([[0.5, 0.1, 0.12]], 0.24)[0, 0] == 1.0
+
+
+def test_many_scenes_at_once_have_the_features_of_each_alone() -> None:
+    maps = [a_map(seed, 0.07) for seed in range(3)]
+    sizes = np.array([BOX, (0.1, 0.1, 0.1), (0.2, 0.05, 0.3)])
+    one = [SampledScenes.of_map(m, size, "grid") for m, size in zip(maps, sizes, strict=True)]
+    for edge in (0.24, None):
+        whole = single_features(np.concatenate([s.whole for s in one]), sizes, edge)
+        alone = [single(m, size, grid(), edge) for m, size in zip(maps, sizes, strict=True)]
+        np.testing.assert_array_equal(whole, alone)
+        for face in FACES:
+            every = line_features(
+                np.concatenate([s.portions[face] for s in one]), sizes, face, edge
+            )
+            alone = [line(m, size, grid(), face, edge) for m, size in zip(maps, sizes, strict=True)]
+            np.testing.assert_array_equal(every, alone)
 
 
 @pytest.mark.parametrize("bad", [(0.1, 0.1), (0.1, 0.1, 0.0), (0.1, -1, 0.1), (np.nan, 1, 1)])
 def test_bad_dimensions_are_refused(bad: tuple[float, ...]) -> None:
     with pytest.raises(BoxgraspError, match="valid: three positive meters"):
-        normalized(bad, 0.24)
+        normalized([bad], 0.24)
 
 
 @pytest.mark.parametrize("edge", [0.0, -1.0, float("nan"), float("inf")])
 def test_bad_edges_are_refused(edge: float) -> None:
     with pytest.raises(ConfigError, match="largest edge"):
-        normalized(BOX, edge)
+        normalized([BOX], edge)

@@ -25,7 +25,16 @@ from sklearn.svm import SVC
 
 from boxgrasp.errors import BoxgraspError, ModelError
 from boxgrasp.ranking.features import FeatureSchema
-from boxgrasp.ranking.onnx.model import DIGEST_KEY, RECORD_KEY, cascaded, digest, load_model, ranked
+from boxgrasp.ranking.model_set import SVMS, Svm
+from boxgrasp.ranking.onnx.model import (
+    DIGEST_KEY,
+    RECORD_KEY,
+    SHIPPED,
+    cascaded,
+    digest,
+    load_model,
+    ranked,
+)
 from boxgrasp.ranking.onnx.record import FORMAT, Record, from_json, to_json, validate_fits
 from boxgrasp.teaching.export import to_onnx
 
@@ -87,7 +96,7 @@ def compare(svc: SVC, X: Any, width: int) -> None:
 )
 @example(0, 2, 4, 0.0, 0.0, 1.0)
 @example(1, 15, 30, 2.0, -2.0, 1.0)
-def test_predict_label_and_first_preference_agree(
+def test_prediction_and_first_rank_agree(
     seed: int, classes: int, width: int, log_c: float, log_gamma: float, doubled: float
 ) -> None:
     """Also where points stand twice in the training set, under different labels."""
@@ -203,17 +212,53 @@ def test_a_record_of_another_model_is_not_written() -> None:
 def test_the_record_comes_back() -> None:
     svc, record = trained("cascade-spiral", "top")
     model = load_model(to_onnx(svc, record))
-    assert model.record == record and record.format == FORMAT
+    assert model.record == record and record.format == FORMAT == 2
     assert record.name == "cascade-spiral-top" and trained("single-grid", "single")[1].name == (
         "single-grid"
     )
     assert model.classes == (1, 2)
 
 
+@pytest.mark.parametrize("svm", SVMS, ids=lambda svm: svm.name)
+def test_shipped_files_have_the_form_that_training_writes(svm: Svm) -> None:
+    """Nothing but graph, record and digest, written as `to_onnx` writes them."""
+    data = (SHIPPED / f"{svm.name}.onnx").read_bytes()
+    model = load_model(data)
+    assert model.record.format == FORMAT
+    assert (model.record.name, model.record.schema_hash) == (svm.name, svm.schema.hash)
+    read = onnx.load_from_string(data)
+    assert [entry.key for entry in read.metadata_props] == [RECORD_KEY, DIGEST_KEY]
+    assert read.metadata_props[0].value == to_json(model.record)
+    assert read.SerializeToString(deterministic=True) == data
+    mine = onnx.load_from_string(tiny())
+    for name in ("ir_version", "producer_name", "opset_import"):
+        assert getattr(read, name) == getattr(mine, name), name
+    assert read.graph.name == svm.name
+    assert [value.name for value in (*read.graph.input, *read.graph.output)] == [
+        value.name for value in (*mine.graph.input, *mine.graph.output)
+    ]
+
+
+def test_a_file_of_the_first_format_is_refused_in_one_line(tmp_path: Path) -> None:
+    model = onnx.load_from_string(tiny())
+    record = json.loads(model.metadata_props[0].value)
+    record["format"] = 1
+    record["gripper"]["opening_m"] = record["gripper"].pop("max_opening_m")
+    model.metadata_props[0].value = json.dumps(record)
+    path = tmp_path / "old.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError) as error:
+        load_model(path)
+    assert one_line(error).endswith(
+        "record format is 1; valid: 2 (a model trained by this version)"
+    )
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"format": 2}, "record format is 2; valid: 1"),
+        ({"format": 1}, "record format is 1; valid: 2 (a model trained by this version)"),
+        ({"format": 3}, "record format is 3; valid: 2"),
         ({"format": True}, "record format is True"),
         ({"format": None}, "record format is None"),
         ({"format": "x" * 5000}, "record format is 'xxx"),
@@ -467,10 +512,10 @@ def test_a_file_is_named_in_what_is_wrong_with_it(tmp_path: Path) -> None:
 # ---- orders
 
 
-def by_hand(label: int, decision: list[float], classes: list[int], wanted: int) -> list[int]:
+def by_hand(predicted: int, decision: list[float], classes: list[int], wanted: int) -> list[int]:
     value = dict(zip(classes, decision, strict=True))
-    rest = [k for k in range(1, wanted + 1) if k != label]
-    return [label, *sorted(rest, key=lambda k: (-value.get(k, -np.inf), k))]
+    rest = [k for k in range(1, wanted + 1) if k != predicted]
+    return [predicted, *sorted(rest, key=lambda k: (-value.get(k, -np.inf), k))]
 
 
 @given(st.integers(0, 10**6), st.integers(2, 15))

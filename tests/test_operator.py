@@ -14,7 +14,7 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.teaching.operators import Shown
 from boxgrasp.teaching.stand_in import StandIn
 
-STEADY = StandIn(camera_position_m=0.0, mood_m=0.0)
+STEADY = StandIn(judgment_sigma_m=0.0, mood_sigma_m=0.0)
 
 
 def shown(size: tuple[float, float, float], points: np.ndarray | None = None) -> Shown:
@@ -44,7 +44,7 @@ def test_with_the_front_blocked_it_goes_to_the_top() -> None:
 def test_it_never_opens_wider_than_it_can(size: tuple[float, float, float]) -> None:
     scene = shown(size)
     for seed in range(20):
-        label = StandIn(mood_m=0.5).label(scene, np.random.default_rng(seed)).label
+        label = StandIn(mood_sigma_m=0.5).label(scene, np.random.default_rng(seed)).label
         assert label is not None
         assert scene.candidates.width_m[label - 1] <= 0.12
 
@@ -65,7 +65,7 @@ def test_the_same_day_it_says_the_same() -> None:
     said = [StandIn().label(scene, np.random.default_rng(7)).label for _ in range(3)]
     assert len(set(said)) == 1
     moods = {
-        replace(STEADY, mood_m=0.05).label(scene, np.random.default_rng(s)).label for s in range(30)
+        replace(STEADY, mood_sigma_m=0.05).label(scene, np.random.default_rng(s)).label for s in range(30)
     }
     assert len(moods) > 1
 

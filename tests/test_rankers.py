@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import drawn, item, laid, seen
 from test_imports import run
-from tiny_models import VERSIONS, parts_of, trained, write_models
+from tiny_models import parts_of, trained, write_models
 
 from boxgrasp import GraspSelector
 from boxgrasp.errors import BoxgraspError, ConfigError, ModelError
@@ -21,6 +21,7 @@ from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.features import line_features, single_features
+from boxgrasp.ranking.model_set import VERSIONS
 from boxgrasp.ranking.ranker import (
     SHIPPED,
     Ranker,

@@ -8,15 +8,11 @@ from scipy.spatial import cKDTree
 
 from boxgrasp.errors import ConfigError
 from boxgrasp.geometry.transforms import rotation_z
+from boxgrasp.grasps.candidates import FRONT, LEFT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR
 from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.ranking.sampling import (
-    FRONT,
-    LEFT,
     RESOLUTION_M,
-    RIGHT,
-    TOP_PARALLEL,
-    TOP_PERPENDICULAR,
     dense,
     grid,
     portion,

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.ranking.features import FeatureSchema, line_schema, single_schema
+from boxgrasp.ranking.features import FeatureSchema
+from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.record import Record
-from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
-
-VERSIONS = ("single-spiral", "single-grid", "cascade-spiral", "cascade-grid")
+from boxgrasp.ranking.sampling import RESOLUTION_M
 
 
 def record_of(svc: Any, schema: FeatureSchema, **other: Any) -> Record:
@@ -50,10 +48,7 @@ def rows(r: np.random.Generator, count: int, width: int) -> Any:
 
 
 def schema_of(version: str, part: str) -> FeatureSchema:
-    points = sampling(version.split("-")[1])
-    if part in ("single", "face"):
-        return single_schema(points)
-    return line_schema(points, LEFT if part == "side" else TOP_PARALLEL)
+    return next(svm.schema for svm in SVMS if (svm.version, svm.part) == (version, part))
 
 
 @cache
@@ -72,15 +67,14 @@ def trained(version: str, part: str, lines: int = 3, seed: int = 0) -> tuple[Any
 
 
 def parts_of(version: str) -> tuple[str, ...]:
-    return ("single",) if version.startswith("single") else ("face", "side", "top")
+    return tuple(svm.part for svm in SVMS if svm.version == version)
 
 
 def write_models(folder: Path, lines: int = 3, seed: int = 0) -> Path:
     """All eight in a folder."""
     from boxgrasp.teaching.export import to_onnx
 
-    for version in VERSIONS:
-        for part in parts_of(version):
-            svc, record = trained(version, part, lines, seed)
-            (folder / f"{record.name}.onnx").write_bytes(to_onnx(svc, record))
+    for svm in SVMS:
+        svc, record = trained(svm.version, svm.part, lines, seed)
+        (folder / f"{record.name}.onnx").write_bytes(to_onnx(svc, record))
     return folder
