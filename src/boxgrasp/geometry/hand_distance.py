@@ -14,7 +14,7 @@ from boxgrasp.arrays import Floats, Points
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.uprights import cells_to_uprights, columns_to_uprights
 
-CAP_M = 0.50
+CAP_M = 0.50  # m; what is farther is in no grasp's way
 
 
 def uprights(T_base_gripper: Floats, half_m: Floats, swept_back_m: float = 0.0) -> Floats:

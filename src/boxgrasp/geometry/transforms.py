@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.errors import BoxgraspError
 
-_ROTATION_TOLERANCE = 1e-3
+_ROTATION_TOLERANCE = 1e-3  # of R^T R from the identity: what float32 and text files lose
 
 
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Floats:

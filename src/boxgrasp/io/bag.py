@@ -35,8 +35,8 @@ _COLOR_ENCODINGS: Final = {"rgb8": (3, 1), "bgr8": (3, -1), "rgba8": (4, 1), "bg
 _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _COMPRESSED_HEADER: Final = 12  # of compressed_depth_image_transport, before the PNG
 _NEAR_S: Final = 1.0  # how far from the bag's messages a stamp may lie
-_COLOR_NEAR_S: Final = 0.1
-_WINDOW_NS: Final = 2_000_000_000
+_COLOR_NEAR_S: Final = 0.1  # between depth and the color image beside it
+_WINDOW_NS: Final = 2_000_000_000  # round a message, in which those beside it were recorded
 _TRIES: Final = 20  # messages of a topic before it is given up
 
 

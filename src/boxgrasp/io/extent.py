@@ -7,9 +7,9 @@ from typing import IO, Final
 
 from boxgrasp.errors import CaptureError
 
-MAX_POINTS: Final = 100_000_000
-MAX_PIXELS: Final = 64_000_000
-MAX_HEADER_BYTES: Final = 1 << 16
+MAX_POINTS: Final = 100_000_000  # 1.2 GB as float32
+MAX_PIXELS: Final = 64_000_000  # 256 MB as float32
+MAX_HEADER_BYTES: Final = 1 << 16  # comments included
 
 
 def remaining_bytes(stream: IO[bytes]) -> int:

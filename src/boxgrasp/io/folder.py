@@ -19,8 +19,8 @@ _CAMERA_KEYS: Final = ("fx", "fy", "cx", "cy", "width", "height")
 _CAPTURE_KEYS: Final = ("T_base_camera", "depth_scale", "target_pixel")
 _COLOR_NAMES: Final = ("color.png", "color.jpg", "color.jpeg")
 _DISTORTION: Final = re.compile(r"(?i)k[1-9]|p[1-9]|s[1-4]|tau.*|[dk]|.*(dist|coef).*")
-_MAX_JSON_BYTES: Final = 1 << 20
-_MILLIMETER: Final = 0.001
+_MAX_JSON_BYTES: Final = 1 << 20  # a few numbers take less
+_MILLIMETER: Final = 0.001  # m
 
 
 def load_folder(folder: Path) -> Capture:

@@ -15,7 +15,7 @@ from PIL import Image, UnidentifiedImageError
 from boxgrasp.errors import BoxgraspError, CaptureError
 from boxgrasp.io.extent import MAX_PIXELS
 
-_MOST_OBJECTS: Final = 65535
+_MOST_OBJECTS: Final = 65535  # that 16 bits number
 _DEPTH_MODES: Final = ("I;16", "I;16B", "I;16L", "I")  # by Pillow's version and the file's order
 
 

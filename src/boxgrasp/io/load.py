@@ -14,7 +14,7 @@ from boxgrasp.errors import BoxgraspError, CaptureError, MissingExtraError
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CLOUD_FRAMES, CloudFrame
 
-_LONGEST: Final = 300
+_LONGEST: Final = 300  # characters of a message
 _log = logging.getLogger("boxgrasp.io")
 _VALID: Final = ".npz, .pcd, .ply, .bag, .db3, .mcap"
 

@@ -27,7 +27,7 @@ from boxgrasp.mapping.octomap_leaves import MapCells
 _HEADERS = {b"# Octomap OcTree file": False, b"# Octomap OcTree binary file": True}
 _NODE_BYTES = {"OcTree": 5, "OcTreeStamped": 5, "ColorOcTree": 8}  # of a node of a .ot stream
 _HEADER_LIMIT = 65536  # bytes
-_MOST_BYTES = 1 << 30
+_MOST_BYTES = 1 << 30  # a file that memory holds several times
 _FREE, _OCCUPIED = float(log_odds(CLAMP_MIN)), float(log_odds(CLAMP_MAX))  # as OctoMap reads a .bt
 _RESOLUTIONS_M = (1e-4, 100.0)  # beyond them a header is damaged
 _NO_CLAMP = 1e-12  # probability: log-odds are written as they are

@@ -20,8 +20,8 @@ from boxgrasp.sensing.validation import CloudFrame
 
 _ENCODINGS: Final = ("ascii", "binary", "binary_compressed")
 _LZF_RATIO: Final = 100  # one LZF token of 3 bytes unpacks to at most 264
-_MAX_POINT_BYTES: Final = 4096
-_SNIFF: Final = 4096
+_MAX_POINT_BYTES: Final = 4096  # more is damage
+_SNIFF: Final = 4096  # bytes that show how values are parted
 
 
 def load_pcd(path: Path, cloud_frame: CloudFrame) -> Capture:

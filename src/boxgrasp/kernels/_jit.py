@@ -34,7 +34,14 @@ _cache_warned = False
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile on first call with a cache on disk; where none can be written, warn once."""
+    """Compile on first call, with a cache on disk; where none can be written, warn once.
+
+    Args:
+        function: of arrays and numbers.
+
+    Returns:
+        The compiled function; it lets go of the GIL.
+    """
     global _cache_warned
     try:
         compiled: Callable[P, R] = numba.njit(nogil=True, cache=True)(function)

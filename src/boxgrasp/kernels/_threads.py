@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 
-_WORKERS = max(1, min(4, os.cpu_count() or 1))
+_WORKERS = max(1, min(4, os.cpu_count() or 1))  # more wait for memory
 # Of the calling thread, so that tasks side by side in one process do not undo each other's.
 _limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=_WORKERS)
 
@@ -21,7 +21,11 @@ def _pool() -> ThreadPoolExecutor:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within, `run_chunks` called from this thread stays on it: the caller fills the cores."""
+    """Within, `run_chunks` called from this thread stays on it: the caller fills the cores.
+
+    Yields:
+        Nothing.
+    """
     before = _limit.set(1)
     try:
         yield
@@ -30,9 +34,14 @@ def one_thread() -> Iterator[None]:
 
 
 def run_chunks(work: Callable[[int, int], object], count: int, smallest: int = 20_000) -> None:
-    """Call `work(start, stop)` over [0, count) in contiguous chunks, on all cores.
+    """Call a function over [0, count) in contiguous chunks, on all cores.
 
     Chunks must write apart, or write the same value, so that their number changes no result.
+
+    Args:
+        work: called as work(start, stop).
+        count: where the last chunk stops.
+        smallest: least size of a chunk, below which a thread costs more than it brings.
     """
     chunks = max(1, min(_limit.get(), count // smallest))
     if chunks == 1:

@@ -22,11 +22,22 @@ def above_plane(
     found: Points,
     index: NDArray[np.int32],
 ) -> int:
-    """Fill `found` (N, 3) with the points over the band, `index` with their rows; returns how many.
+    """Take the points over the band that the table's own noise reaches.
 
-    The band is what the table's own noise reaches: band_m plus noise_gain times the axial noise
-    (noise[0] + noise[1] * (range - noise[2])^2, m) at that range; the camera's position (3,) is in
-    the table frame.
+    Args:
+        points: (N, 3) float32, source frame, m.
+        T_table_source: (4, 4).
+        camera_position_m: (3,) table frame, m.
+        band_m: height of the band, m, beside the noise.
+        noise_gain: how many times the axial noise at a point's range is added to it; 0 for none.
+        noise: floor, growth and range of the least noise: floor + growth (range - least)^2, m.
+        max_height_m: points over it are left out, m.
+        farthest_m: so are those farther from the camera, m.
+        found: (N, 3) float32 to fill, table frame, m.
+        index: (N,) int32 to fill, rows of the points found.
+
+    Returns:
+        How many were found.
     """
     T = T_table_source
     floor, growth, least_at = noise

@@ -22,10 +22,20 @@ def backproject(
     points: NDArray[np.float32],
     pixels: NDArray[np.int32],
 ) -> int:
-    """Fill points (>= N, 3) optical frame, m, and flat pixel numbers (>= N,); returns N.
+    """The points of a depth image, in row-major order.
 
-    A pixel counts where depth (H, W) m is above 0 and `dropped` is not set; `dropped` is
-    (H, W), or (0, 0) to keep all. In row-major order.
+    Args:
+        depth: (H, W) float32, m, 0 for missing.
+        fx: focal length, px.
+        fy: focal length, px.
+        cx: principal point, px.
+        cy: principal point, px.
+        dropped: (H, W) bool, pixels to leave out; (0, 0) to keep all.
+        points: (N, 3) or longer, float32 to fill, optical frame, m.
+        pixels: (N,) or longer, int32 to fill, flat pixels v * W + u.
+
+    Returns:
+        N.
     """
     height, width = depth.shape
     keep_all = dropped.shape[0] == 0
@@ -47,9 +57,17 @@ def backproject(
 def every_step(
     points: Points, pixels: NDArray[np.int32], width: int, step: int, kept: Points
 ) -> int:
-    """Fill `kept` with the points whose row and column are multiples of `step`; returns how many.
+    """Take the points whose row and column are multiples of a step.
 
-    pixels: (N,) flat pixel numbers v * width + u of (N, 3) points, rising.
+    Args:
+        points: (N, 3) float32, m.
+        pixels: (N,) int32 flat pixels v * width + u, rising.
+        width: of the image, px.
+        step: at least 1.
+        kept: (n, 3) float32 to fill, m.
+
+    Returns:
+        How many were taken.
     """
     column_kept = np.zeros(width, dtype=np.bool_)
     column_kept[::step] = True
@@ -69,7 +87,16 @@ def every_step(
 def backproject_naive(
     depth: NDArray[np.float32], intrinsics: NDArray[np.float64], dropped: NDArray[np.bool_] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """The same points and pixels, a pixel at a time, by solving K ray = (u, v, 1)."""
+    """The same points and pixels, a pixel at a time, by solving K ray = (u, v, 1).
+
+    Args:
+        depth: (H, W) float32, m, 0 for missing.
+        intrinsics: (3, 3), px.
+        dropped: (H, W) bool, pixels to leave out, or None.
+
+    Returns:
+        (N, 3) float32, optical frame, m, and (N,) int32 flat pixels.
+    """
     points: list[Any] = []
     pixels: list[int] = []
     for v in range(depth.shape[0]):

@@ -11,7 +11,7 @@ from boxgrasp.arrays import Points
 from boxgrasp.kernels._jit import jit
 from boxgrasp.kernels._threads import run_chunks
 
-_BIAS = 1 << 20
+_BIAS = 1 << 20  # a key holds three cell numbers of 21 bits
 _MASK = (1 << 21) - 1
 
 
@@ -30,7 +30,16 @@ def _slot(table: NDArray[np.int64], key: int) -> int:
 def group_by_cell(
     points: Points, cell_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Cell number of each point (in order of first meeting), keys, table and its values."""
+    """Number the cells that hold points, in the order in which their first points come.
+
+    Args:
+        points: (N, 3) float32, m.
+        cell_m: edge of a cell, m.
+
+    Returns:
+        (N,) int64 cell of each point, (C,) int64 packed keys of the cells, and an open-addressing
+        table (S,) int64 of keys with (S,) int64 their cells.
+    """
     count = points.shape[0]
     size = 1024
     while size < 2 * count:
@@ -57,7 +66,15 @@ def group_by_cell(
 
 @jit
 def voxel_centroids(points: Points, voxel_m: float) -> tuple[Points, NDArray[np.int64]]:
-    """(K, 3) centroids of the points in each voxel, and (N,) which voxel a point is in."""
+    """Downsample points to a centroid a voxel.
+
+    Args:
+        points: (N, 3) float32, m.
+        voxel_m: edge of a voxel, m.
+
+    Returns:
+        (K, 3) float32 centroids, m, and (N,) int64 which voxel a point is in.
+    """
     member, keys, _table, _value = group_by_cell(points, voxel_m)
     sums = np.zeros((keys.shape[0], 4))
     for i in range(points.shape[0]):
@@ -75,7 +92,15 @@ def voxel_centroids(points: Points, voxel_m: float) -> tuple[Points, NDArray[np.
 
 @jit
 def bucket(member: NDArray[np.int64], cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Point indices cell by cell, and where each cell starts (counting sort)."""
+    """Rows of the points cell by cell (counting sort).
+
+    Args:
+        member: (N,) int64 cell of each point.
+        cells: number of cells, C.
+
+    Returns:
+        (N,) int64 rows, and (C + 1,) int64 where each cell starts in them.
+    """
     start = np.zeros(cells + 1, dtype=np.int64)
     for i in range(member.shape[0]):
         start[member[i] + 1] += 1
@@ -99,10 +124,17 @@ def _root(parent: NDArray[np.int64], k: int) -> int:
 
 @jit
 def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
-    """(N,) cluster of each point: points nearer than the radius share one, exactly.
+    """Clusters of points nearer to each other than a radius, exactly.
 
-    Cells of radius / sqrt(3) lie within one cluster each; neighboring cells join when one pair
-    of their points does. Clusters are numbered in the order in which their first point comes.
+    Cells of radius / sqrt(3) lie within one cluster each; neighboring cells join when one pair of
+    their points does.
+
+    Args:
+        points: (N, 3) float32, m.
+        radius_m: m.
+
+    Returns:
+        (N,) int64 ids from 0, in the order in which the clusters' first points come.
     """
     member, keys, table, value = group_by_cell(points, radius_m / np.sqrt(3.0))
     cells = keys.shape[0]
@@ -169,11 +201,26 @@ def neighbor_means(
     last: int,
     step: int,
 ) -> None:
-    """Fill the means of the points in every step-th cell of [first, last).
+    """Mean distances of points to their nearest neighbors, for every step-th cell of [first, last).
 
-    around: (27, 3) a cell and its neighbors, nearest first; their edge is the reach. best: scratch
-    for (points of one cell, neighbors). A point all of whose neighbors are nearer than its own
-    `enough` (N,) is not measured further; its mean is noted as 0.
+    A point all of whose neighbors are nearer than its own `enough` is not measured further; its
+    mean is noted as 0.
+
+    Args:
+        points: (N, 3) float32, m.
+        keys: (C,) int64, as `group_by_cell` has them.
+        table: (S,) int64.
+        value: (S,) int64.
+        order: (N,) int64, as `bucket` has it.
+        start: (C + 1,) int64, likewise.
+        around: (27, 3) int64, a cell and its neighbors, nearest first.
+        reach_m: edge of the cells, m; neighbors beyond count as so far.
+        enough: (N,) float32, m.
+        best: (p, k) float32 scratch, for the points of one cell and their k neighbors.
+        means: (N,) float32 to fill, m.
+        first: cell.
+        last: cell.
+        step: of cells.
     """
     far = np.float32(reach_m * reach_m)
     neighbors = best.shape[1]
@@ -236,10 +283,15 @@ class Neighbors:
         self._fullest = int(np.diff(self._start).max(initial=1))
 
     def means(self, enough_m: Points, cell_step: int = 1) -> Points:
-        """(N,) mean distance to the nearest neighbors; those beyond reach count as reach.
+        """Mean distances to the nearest neighbors; those beyond reach count as reach.
 
-        enough_m: (N,) where a point's neighbors are all nearer than this, 0 comes out. Of the
-        cells only every `cell_step`-th is measured; NaN elsewhere.
+        Args:
+            enough_m: (N,) float32, m; where a point's neighbors are all nearer than this, 0 comes
+                out.
+            cell_step: only every so many cells are measured.
+
+        Returns:
+            (N,) float32, m, NaN where it was not measured.
         """
         means = np.full(len(self._points), np.nan, dtype=np.float32)
 
@@ -256,6 +308,15 @@ class Neighbors:
 
 
 def mean_neighbor_distance(points: Points, neighbors: int, reach_m: float) -> Points:
-    """(N,) mean distance of each point to its nearest neighbors, none left out."""
+    """Mean distance of each point to its nearest neighbors, none left out.
+
+    Args:
+        points: (N, 3) float32, m.
+        neighbors: how many.
+        reach_m: neighbors beyond count as so far, m.
+
+    Returns:
+        (N,) float32, m.
+    """
     exact = np.zeros(len(points), dtype=np.float32)
     return Neighbors(points, neighbors, reach_m).means(exact)

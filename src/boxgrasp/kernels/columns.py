@@ -15,7 +15,17 @@ def lowest_layers(
     state: NDArray[np.uint8],
     free: int,
 ) -> NDArray[np.int64]:
-    """(N,) lowest layer that each point's column reaches, -1 for down to the plane."""
+    """How far down the column under each point reaches before a free cell.
+
+    Args:
+        cells: (N, 3) int64 cell of each point.
+        inside: (N,) bool, whether it is in the map.
+        state: (nx, ny, nz) uint8.
+        free: the state of a free cell.
+
+    Returns:
+        (N,) int64 lowest layer, -1 for down to the plane, 2^30 for points outside.
+    """
     layer = np.empty(cells.shape[0], dtype=np.int64)
     for i in range(cells.shape[0]):
         k = cells[i, 2]

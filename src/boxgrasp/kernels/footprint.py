@@ -7,13 +7,15 @@ import numpy as np
 from boxgrasp.arrays import Floats
 from boxgrasp.kernels._jit import jit
 
-_BIN_M = 0.0005
+_BIN_M = 0.0005  # m, finer than any depth
 
 
 @jit
 def _solid_range(values: Floats, cut: int, slab_m: float, share: float) -> tuple[float, float]:
-    """Lowest and highest value, to 0.5 mm, with `cut` values left out at each end, and moved in
-    to where the outer slab holds its share of the values.
+    """Lowest and highest value, to a bin, strays left out.
+
+    `cut` values are left out at each end, and the end moves in to where the outer slab holds its
+    share of the values.
     """
     low, high = values[0], values[0]
     for v in values:
@@ -48,7 +50,18 @@ def _solid_range(values: Floats, cut: int, slab_m: float, share: float) -> tuple
 def extents_over_yaws(
     footprint: Floats, yaws: Floats, cut: int, slab_m: float, share: float
 ) -> Floats:
-    """(A, 4) low x, high x, low y, high y of (N, 2) points seen in axes turned by each yaw."""
+    """Extents of a footprint in axes turned by each yaw, strays left out.
+
+    Args:
+        footprint: (N, 2) float64, m.
+        yaws: (A,) float64, rad.
+        cut: points to leave out at each end.
+        slab_m: thickness of the outer slab, m.
+        share: of the points that the slab must hold.
+
+    Returns:
+        (A, 4) float64 low x, high x, low y, high y, m.
+    """
     extents = np.empty((yaws.shape[0], 4))
     values = np.empty(footprint.shape[0])
     for k in range(yaws.shape[0]):

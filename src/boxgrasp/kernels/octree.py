@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.kernels._jit import jit
 
-DEPTH = 16
+DEPTH = 16  # levels of OctoMap's trees
 TRUNCATED, TOO_DEEP, BAD_VALUE = -1, -2, -3
 
 
@@ -24,12 +24,25 @@ def unpack(
     depths: NDArray[np.uint8],
     values: NDArray[np.float32],
 ) -> tuple[int, int, int]:
-    """Leaves, nodes and bytes of a tree in preorder; the first is negative for a broken stream.
+    """Leaves of a tree's stream in preorder: counted, and written where asked for.
 
-    `data` is the stream, `floats` its nodes' values (empty for a binary stream), `record` the bytes
-    of a node. Leaves are counted, and with `fill` written: `keys` (K, 3) of the lowest cell, from
-    0, `depths` (K,), log-odds `values` (K,). A binary stream holds two bits a child: `free`,
-    `occupied`, or a node of its own.
+    A binary stream holds two bits a child: free, occupied, or a node of its own.
+
+    Args:
+        data: (n,) uint8, the stream.
+        floats: (m,) float32, its nodes' values; empty for a binary stream.
+        binary: whether it holds two bits a child.
+        record: bytes of a node.
+        free: log-odds of a free child of a binary stream.
+        occupied: of an occupied one.
+        fill: whether leaves are written.
+        keys: (K, 3) int32 to fill, the lowest cell of each leaf, from 0.
+        depths: (K,) uint8 to fill.
+        values: (K,) float32 to fill, log-odds.
+
+    Returns:
+        Leaves, nodes and bytes; leaves below 0 for a broken stream: `TRUNCATED`, `TOO_DEEP` or
+        `BAD_VALUE`.
     """
     size = len(data)
     todo = np.zeros(DEPTH + 1, dtype=np.int64)  # children still to visit, a bit each, by depth

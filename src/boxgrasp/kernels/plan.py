@@ -8,16 +8,23 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Points
 from boxgrasp.kernels._jit import jit
 
-_TOP_BAND_M = 0.012
+_TOP_BAND_M = 0.012  # m under the top, where its color is taken
 
 
 @jit
 def plan_grid(
     points: Points, tints: Points, cell_m: float
 ) -> tuple[Points, Points, NDArray[np.int64]]:
-    """(nx, ny) top height, (nx, ny, 3) mean tint near the top, (N, 2) cell of each point.
+    """A cluster in plan.
 
-    Empty cells are NaN; so is the tint where no point near the top has one.
+    Args:
+        points: (N, 3) float32, table frame, m.
+        tints: (N, 3) float32 shares of color, NaN where unknown.
+        cell_m: edge of a cell, m.
+
+    Returns:
+        (nx, ny) float32 top heights, m, NaN for empty cells; (nx, ny, 3) float32 mean tints near
+        the top, NaN where none is known there; and (N, 2) int64 cell of each point.
     """
     count = points.shape[0]
     cells = np.empty((count, 2), dtype=np.int64)
@@ -54,7 +61,18 @@ def plan_grid(
 def smooth_cells(
     top: Points, tint: Points, step_m: float, tint_step: float, most: int
 ) -> NDArray[np.bool_]:
-    """(nx, ny) cells of which all but `most` neighbors are there and no step away."""
+    """Cells of which nearly all neighbors are there and no step away.
+
+    Args:
+        top: (nx, ny) float32 heights, m, NaN for empty cells.
+        tint: (nx, ny, 3) float32.
+        step_m: from which a top steps, m.
+        tint_step: from which a color does, sum over the three shares.
+        most: neighbors that may be missing or a step away.
+
+    Returns:
+        (nx, ny) bool.
+    """
     nx, ny = top.shape
     smooth = np.zeros((nx, ny), dtype=np.bool_)
     for x in range(1, nx - 1):
@@ -76,7 +94,18 @@ def smooth_cells(
 def patches(
     inside: NDArray[np.bool_], top: Points, tint: Points, step_m: float, tint_step: float
 ) -> NDArray[np.int64]:
-    """(nx, ny) patch of each inside cell, -1 else: neighbors join unless height or tint steps."""
+    """Patches of cells: neighbors join unless height or tint steps.
+
+    Args:
+        inside: (nx, ny) bool, the cells that count.
+        top: (nx, ny) float32 heights, m.
+        tint: (nx, ny, 3) float32; NaN, an unknown tint, joins.
+        step_m: from which a top steps, m.
+        tint_step: from which a color does.
+
+    Returns:
+        (nx, ny) int64 patch of each cell, from 0; -1 outside.
+    """
     nx, ny = inside.shape
     patch = np.full((nx, ny), -1, dtype=np.int64)
     stack = np.empty((nx * ny, 2), dtype=np.int64)
@@ -114,9 +143,15 @@ def patches(
 
 @jit
 def borders(patch: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """(count + 1, count + 1) cell sides between patches, the last row and column for outside.
+    """How long the borders between patches are.
 
-    The diagonal holds each patch's area in cells.
+    Args:
+        patch: (nx, ny) int64 patch of each cell, -1 for none.
+        count: number of patches.
+
+    Returns:
+        (count + 1, count + 1) int64 cell sides, the last row and column for outside; the diagonal
+        holds each patch's area in cells.
     """
     table = np.zeros((count + 1, count + 1), dtype=np.int64)
     nx, ny = patch.shape
@@ -140,7 +175,14 @@ def borders(patch: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 @jit
 def filled(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The patch with the holes that drop-outs leave in it: cells most of whose ring is patch."""
+    """A patch with the holes that drop-outs leave in it: cells most of whose ring is patch.
+
+    Args:
+        patch: (nx, ny) bool.
+
+    Returns:
+        (nx, ny) bool.
+    """
     nx, ny = patch.shape
     whole = patch.copy()
     for x in range(1, nx - 1):
@@ -157,7 +199,14 @@ def filled(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 @jit
 def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(nx, ny) steps (8-neighbor) from each inside cell to the outside; 0 outside."""
+    """Steps from each cell to the outside, over 8 neighbors.
+
+    Args:
+        inside: (nx, ny) bool.
+
+    Returns:
+        (nx, ny) int64, 0 outside.
+    """
     nx, ny = inside.shape
     far = nx + ny
     steps = np.zeros((nx, ny), dtype=np.int64)
@@ -186,7 +235,15 @@ def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 @jit
 def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Seeds (-1 none) grown over the inside cells, ring by ring; the lower number wins a tie."""
+    """Seeds grown over the inside cells, ring by ring; the lower number wins a tie.
+
+    Args:
+        seeds: (nx, ny) int64 patch of each cell, -1 for none.
+        inside: (nx, ny) bool.
+
+    Returns:
+        (nx, ny) int64.
+    """
     grown = seeds.copy()
     nx, ny = grown.shape
     changed = True
@@ -211,7 +268,15 @@ def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int6
 
 @jit
 def nearest(points: Points, others: Points) -> NDArray[np.int64]:
-    """(N,) row of the other point nearest to each point; the first of equals."""
+    """The other point nearest to each point; the first of equals.
+
+    Args:
+        points: (N, 3) float32, m.
+        others: (M, 3) float32, m.
+
+    Returns:
+        (N,) int64 rows of the others.
+    """
     found = np.zeros(points.shape[0], dtype=np.int64)
     for i in range(points.shape[0]):
         least = np.inf
@@ -228,7 +293,14 @@ def nearest(points: Points, others: Points) -> NDArray[np.int64]:
 
 @jit
 def hull_area(inside: NDArray[np.bool_]) -> float:
-    """Area in cells of the convex hull of the inside cells (Andrew's monotone chain)."""
+    """Area of the convex hull of cells (Andrew's monotone chain).
+
+    Args:
+        inside: (nx, ny) bool.
+
+    Returns:
+        The area, in cells.
+    """
     nx, ny = inside.shape
     low = np.full(nx + 1, ny + 1)
     high = np.full(nx + 1, -1)

@@ -11,7 +11,16 @@ from boxgrasp.kernels._jit import jit
 
 @jit
 def plane_votes(points: Points, planes: Floats, tolerance_m: float) -> NDArray[np.int64]:
-    """(H,) number of points on each of (H, 4) unit planes n, d."""
+    """How many points lie on each plane.
+
+    Args:
+        points: (N, 3) float32, m.
+        planes: (H, 4) float64 unit normals n and d of n . p + d = 0, m.
+        tolerance_m: from a plane, m.
+
+    Returns:
+        (H,) int64.
+    """
     votes = np.zeros(planes.shape[0], dtype=np.int64)
     for k in range(planes.shape[0]):
         nx, ny, nz, d = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
@@ -26,7 +35,17 @@ def plane_votes(points: Points, planes: Floats, tolerance_m: float) -> NDArray[n
 
 @jit
 def plane_sums(points: Points, plane: Floats, anchor: Floats, tolerance_m: float) -> Floats:
-    """Count, sums and products (10,) of the points within tolerance, relative to an anchor."""
+    """Sums over the points near a plane, for a least-squares fit.
+
+    Args:
+        points: (N, 3) float32, m.
+        plane: (4,) float64 unit normal n and d, m.
+        anchor: (3,) float64, what coordinates are taken relative to, m.
+        tolerance_m: from the plane, m.
+
+    Returns:
+        (10,) float64: count, sums of x, y, z, and of xx, xy, xz, yy, yz, zz.
+    """
     sums = np.zeros(10)
     for i in range(points.shape[0]):
         h = plane[0] * points[i, 0] + plane[1] * points[i, 1] + plane[2] * points[i, 2] + plane[3]

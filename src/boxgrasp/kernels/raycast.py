@@ -25,11 +25,17 @@ def raycast(
 ) -> None:
     """Nearest surface of P solids for the pixels of rows [row_start, row_stop).
 
-    kinds (P,) int; rotations (P, 3, 3) and origins (P, 3): the camera's frame seen from each
-    solid's; sizes (P, 3) half lengths (box), radius, radius, half height (cylinder), unused
-    (plane); rectangles (P, 4) pixel bounds u0, u1, v0, v1, half open; focal (4,) fx, fy, cx, cy.
-    Fills the rows of depth (H, W) float64 m (z, not range; infinity where nothing is) and of index
-    (H, W) int32 (-1 where nothing is).
+    Args:
+        kinds: (P,) int, `BOX`, `CYLINDER` or `PLANE`.
+        rotations: (P, 3, 3), of the camera's frame seen from each solid's.
+        origins: (P, 3), its origin there, m.
+        sizes: (P, 3) half lengths (box), radius, radius, half height (cylinder), unused (plane), m.
+        rectangles: (P, 4) int pixel bounds u0, u1, v0, v1 of each solid, half open.
+        focal: (4,) fx, fy, cx, cy, px.
+        row_start: row.
+        row_stop: row.
+        depth: (H, W) float64 whose rows are filled, m along the optical axis, infinity for nothing.
+        index: (H, W) int32 whose rows are filled, the solid met, -1 for nothing.
     """
     depth[row_start:row_stop] = np.inf
     index[row_start:row_stop] = -1
@@ -124,10 +130,25 @@ def paint(
     rgb_out: Array,
     object_ids_out: Array,
 ) -> None:
-    """Depth (float32, 0 for nothing), color and object number of each pixel `raycast` has met.
+    """Depth, color and object of each pixel that `raycast` has met.
 
-    colors (P + 1, 3) uint8 and object_ids (P + 1,) int32 end with what nothing looks like; light
-    (3,) unit vector towards the light, camera frame; shading 0 leaves the colors flat.
+    Args:
+        kinds: (P,) int, as `raycast`.
+        rotations: (P, 3, 3), as `raycast`.
+        origins: (P, 3), as `raycast`.
+        sizes: (P, 3), as `raycast`.
+        colors: (P + 1, 3) uint8, ending with what nothing looks like.
+        object_ids: (P + 1,) int32, likewise.
+        light: (3,) unit vector towards the light, camera frame.
+        shading: 0 leaves the colors flat, 1 makes sides away from the light black.
+        focal: (4,) fx, fy, cx, cy, px.
+        row_start: row.
+        row_stop: row.
+        depth: (H, W) float64 of `raycast`, m.
+        index: (H, W) int32 of `raycast`.
+        depth_out: (H, W) float32 to fill, m, 0 for nothing.
+        rgb_out: (H, W, 3) uint8 to fill.
+        object_ids_out: (H, W) int32 to fill.
     """
     normal = np.zeros(3)
     here = np.zeros(3)

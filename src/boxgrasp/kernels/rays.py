@@ -26,7 +26,7 @@ _TIE = 1e-10  # of a ray's length: crossings closer than this are left to the ac
 @jit
 def classify(
     points: NDArray[np.float32],
-    T_grid_points: NDArray[np.float64],
+    T_grid_source: NDArray[np.float64],
     origin: NDArray[np.float32],
     has_origin: bool,
     factor: float,
@@ -42,12 +42,28 @@ def classify(
 ) -> None:
     """Move points[start:stop] into the grid's frame, mark end cells, sort rays into bundles.
 
-    A bundle is one of side x side bins on one of the six faces of a cube round the origin.
-    `far` is each bundle's largest depth along the face's axis, `deepest` the point that has it;
-    `bundle` is -1 where there is no ray: a point that is not finite or outside OctoMap's cube.
+    A bundle is one of side x side bins on one of the six faces of a cube round the origin, B in
+    all.
+
+    Args:
+        points: (N, 3) float32, source frame, m.
+        T_grid_source: (4, 4).
+        origin: (3,) float32 camera position, grid's frame, m.
+        has_origin: whether it is known; without, end cells alone are marked.
+        factor: 1 / edge of a cell, 1/m.
+        lowest: (3,) int64 key of the first cell.
+        occupied: (nx, ny, nz) uint8 to mark.
+        side: bins along a face.
+        moved: (N, 3) float32 to fill, grid's frame, m.
+        bundle: (N,) int32 to fill; -1 where there is no ray: a point that is not finite or outside
+            OctoMap's cube.
+        far: (B,) float32 to raise, largest depth along the face's axis, m.
+        deepest: (B,) int32 to fill, the point that has it.
+        start: row.
+        stop: row.
     """
     # Read once: the compiler cannot know that writing `moved` leaves these alone.
-    T = T_grid_points
+    T = T_grid_source
     xx, xy, xz, x1 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     yx, yy, yz, y1 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     zx, zy, zz, z1 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
@@ -279,8 +295,24 @@ def bundles(
 ) -> None:
     """Set each bundle's first slab that may hold an unmarked cell, -1 when it has none.
 
-    With `walk`, `first` is the slab where the bundle enters the grid, and its deepest ray is walked
-    from there. Without, marks are read, from the slab that `first` names on.
+    With `walk`, `first` becomes the slab where the bundle enters the grid, and its deepest ray is
+    walked from there. Without, marks are read, from the slab that `first` names on.
+
+    Args:
+        walk: which of the two.
+        chosen: (n,) int64 bundles that have rays.
+        side: bins along a face.
+        far: (B,) float32, as `classify` filled it, m.
+        deepest: (B,) int32, likewise.
+        first: (B,) int32 to fill.
+        moved: (N, 3) float32 ends of the rays, grid's frame, m.
+        origin: (3,) float32, grid's frame, m.
+        resolution: edge of a cell, m.
+        lowest: (3,) int64 key of the first cell.
+        occupied: (nx, ny, nz) uint8.
+        free: (nx, ny, nz) uint8 to mark.
+        start: row of `chosen`.
+        stop: row of `chosen`.
     """
     factor = 1.0 / resolution
     shape = np.array(free.shape)
@@ -377,7 +409,20 @@ def walk_rest(
     start: int,
     stop: int,
 ) -> None:
-    """Walk the rays of points[start:stop] whose bundle is not done, from its first open slab on."""
+    """Walk the rays of points[start:stop] whose bundle is not done, from its first open slab on.
+
+    Args:
+        bundle: (N,) int32 of each ray.
+        side: bins along a face.
+        first: (B,) int32, as `bundles` left it.
+        moved: (N, 3) float32 ends of the rays, grid's frame, m.
+        origin: (3,) float32, grid's frame, m.
+        resolution: edge of a cell, m.
+        lowest: (3,) int64 key of the first cell.
+        free: (nx, ny, nz) uint8 to mark.
+        start: row.
+        stop: row.
+    """
     factor = 1.0 / resolution
     reach = max(abs(float(origin[0])), abs(float(origin[1])), abs(float(origin[2])))
     for i in range(start, stop):
@@ -413,7 +458,16 @@ def walk_rest(
 def ray_cells_naive(
     origin: NDArray[np.float32], end: NDArray[np.float32], resolution: float
 ) -> list[tuple[int, ...]]:
-    """Keys of the cells a ray frees, plainly: Amanatides and Woo in OctoMap's number types."""
+    """The cells that a ray frees, plainly: Amanatides and Woo in OctoMap's number types.
+
+    Args:
+        origin: (3,) float32, m.
+        end: (3,) float32, m.
+        resolution: edge of a cell, m.
+
+    Returns:
+        Keys, in the order of the walk, the last cell excluded.
+    """
     factor = 1.0 / resolution
     o, e = np.asarray(origin, np.float32), np.asarray(end, np.float32)
     key = [math.floor(factor * float(v)) for v in o]

@@ -15,7 +15,18 @@ from boxgrasp.kernels.raycast import CYLINDER
 
 @jit
 def point_to_solid(kind: int, h: Array, x: float, y: float, z: float) -> float:
-    """Distance of a point of the solid's own frame from the solid, 0 inside; h (3,) half sizes."""
+    """Distance of a point from a solid, 0 inside.
+
+    Args:
+        kind: `BOX` or `CYLINDER`.
+        h: (3,) half sizes of the solid, m.
+        x: in the solid's frame, m.
+        y: in the solid's frame, m.
+        z: in the solid's frame, m.
+
+    Returns:
+        m.
+    """
     dz = max(abs(z) - h[2], 0.0)
     if kind == CYLINDER:
         dr = max(np.sqrt(x * x + y * y) - h[0], 0.0)
@@ -26,7 +37,17 @@ def point_to_solid(kind: int, h: Array, x: float, y: float, z: float) -> float:
 
 @jit
 def edge_to_solid(kind: int, h: Array, a: Array, b: Array) -> float:
-    """Distance of the segment a to b from the solid: a convex function of the place on it."""
+    """Distance of a segment from a solid: a convex function of the place on it.
+
+    Args:
+        kind: `BOX` or `CYLINDER`.
+        h: (3,) half sizes of the solid, m.
+        a: (3,) one end, solid's frame, m.
+        b: (3,) the other end, m.
+
+    Returns:
+        m.
+    """
     ratio = 0.6180339887498949
     low, high = 0.0, 1.0
     s, t = 1.0 - ratio, ratio
@@ -54,7 +75,14 @@ def edge_to_solid(kind: int, h: Array, a: Array, b: Array) -> float:
 def box_to_solid(T: Array, hb: Array, kind: int, h: Array) -> float:
     """Distance of a solid box from a solid, 0 where they meet.
 
-    T (4, 4): the box's frame seen from the solid's (T_solid_box); hb, h (3,) half sizes, m.
+    Args:
+        T: (4, 4) T_solid_box.
+        hb: (3,) half sizes of the box, m.
+        kind: `BOX` or `CYLINDER`.
+        h: (3,) half sizes of the solid, m.
+
+    Returns:
+        m.
     """
     best = np.inf
     corners = np.empty((8, 3))
@@ -119,7 +147,16 @@ def box_to_solid(T: Array, hb: Array, kind: int, h: Array) -> float:
 def clearances(
     T_gripper_base: Array, hb: Array, kinds: Array, T_base_solids: Array, sizes: Array, out: Array
 ) -> None:
-    """out (M,): the smallest distance of each of M boxes from P solids."""
+    """The smallest distance of each of M boxes from P solids.
+
+    Args:
+        T_gripper_base: (M, 4, 4) of the boxes.
+        hb: (3,) half sizes of the boxes, m.
+        kinds: (P,) int, `BOX` or `CYLINDER`.
+        T_base_solids: (P, 4, 4).
+        sizes: (P, 3) half sizes of the solids, m.
+        out: (M,) float64 to lower, m.
+    """
     T = np.empty((4, 4))
     for m in range(T_gripper_base.shape[0]):
         # T_gripper_base holds T_base_gripper inverted; both directions are needed below.

@@ -18,7 +18,16 @@ def columns_to_uprights(
     first: int,
     last: int,
 ) -> None:
-    """Lower distances[first:last] to the nearest of (N, 4) columns and note its index."""
+    """Lower distances[first:last] to the nearest column, and note which it is.
+
+    Args:
+        boxes: (M, 8) of `hand_distance.uprights`, m.
+        columns: (N, 4) float32 x, y, lowest z, highest z, base frame, m.
+        distances: (M,) float64 to lower, m.
+        nearest: (M,) int64 to fill.
+        first: row of the boxes.
+        last: row of the boxes.
+    """
     for m in range(first, last):
         cx, cy, c, s = boxes[m, 0], boxes[m, 1], boxes[m, 2], boxes[m, 3]
         along, across, low, high = boxes[m, 4], boxes[m, 5], boxes[m, 6], boxes[m, 7]
@@ -81,7 +90,19 @@ def _apart(
 def cells_to_uprights(
     boxes: Floats, centers: Floats, sizes: Floats, c2: float, s2: float, cap_m: float
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """(M,) distances to the nearest of (K,) cube cells turned by (c2, s2) about z, (M,) its row."""
+    """Distances to the nearest of K cube cells.
+
+    Args:
+        boxes: (M, 8) of `hand_distance.uprights`, m.
+        centers: (K, 3) float64, base frame, m.
+        sizes: (K,) float64 edges, m.
+        c2: cosine of the cells' turn about z.
+        s2: its sine.
+        cap_m: what is farther counts as so far, m.
+
+    Returns:
+        (M,) float64, m, and (M,) int64 rows, -1 where none is nearer.
+    """
     count = boxes.shape[0]
     best = np.full(count, cap_m)
     nearest = np.full(count, -1, dtype=np.int64)
@@ -127,10 +148,17 @@ def cells_to_uprights(
 
 @jit
 def filled_shares(boxes: Floats, centers: Floats, edge_m: float, grow_m: float) -> Floats:
-    """(M,) share of each upright box, grown on every side, that the cubes fill, 0 to 1.
+    """Share of each upright box, grown on every side, that cubes fill.
 
-    boxes: (M, 8) of `clearance.uprights`; centers: (K, 3) base frame of cubes of edge_m, whose
-    sides are along the boxes' own, as those of the local map are.
+    Args:
+        boxes: (M, 8) of `hand_distance.uprights`, m.
+        centers: (K, 3) float64, base frame, m, of cubes whose sides are along the boxes' own, as
+            those of the local map are.
+        edge_m: of the cubes, m.
+        grow_m: on every side, m.
+
+    Returns:
+        (M,) float64, 0 to 1.
     """
     shares = np.zeros(boxes.shape[0])
     half = edge_m / 2

@@ -28,10 +28,10 @@ from boxgrasp.mapping.local_map import (
 Scan = tuple[Points, ArrayLike | None]
 
 _CHUNK_RAYS = 20_000  # a thread's least work, below which starting it costs more
-_CHUNK_BUNDLES = 1_000
+_CHUNK_BUNDLES = 1_000  # likewise
 _BUNDLE_CELLS = 0.45  # width of a bundle at the grid's center, in cells: measured, the quickest
 _MOST_BINS = 192  # along a cube face; more do not fit a core's cache
-_LEAST_BINS = 4
+_LEAST_BINS = 4  # fewer bundle rays that part at once
 
 
 def lattice_transform(T_base_map: Floats, resolution_m: float) -> Floats:

@@ -19,12 +19,12 @@ from boxgrasp.kernels.columns import lowest_layers
 from boxgrasp.mapping.local_map import FREE, UNSEEN, LocalMap
 from boxgrasp.perception.scene import Scene
 
-_FAR_M = 1.0
-_SLACK_M = 0.005
+_FAR_M = 1.0  # m from the box along an axis: beyond any hand
+_SLACK_M = 0.005  # m, what points and boxes are off
 _GRAZING = 0.12  # slope of the view under which a top shows too little of itself
 _THINNED = 8  # a guess needs no more
-_DEEPER_M = 0.03
-_DEEPEST_M = 0.25
+_DEEPER_M = 0.03  # m between columns, a cell of the local map
+_DEEPEST_M = 0.25  # m, of a guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ def deepened(
     tops = found[:, (0, 1, 3)]
     cells, inside = local_map.keys(transform(invert(local_map.T_base_map), tops))
     inside &= local_map.state[cells[:, 0], cells[:, 1], cells[:, 2]] != FREE
-    own = np.abs(transform(invert(box.T_base_box), tops)) < box.dimensions_m / 2 + _SLACK_M
-    kept = inside & ~own.all(axis=1)
+    in_box = np.abs(transform(invert(box.T_base_box), tops)) < box.dimensions_m / 2 + _SLACK_M
+    kept = inside & ~in_box.all(axis=1)
     return np.ascontiguousarray(found[kept]), np.concatenate(objects)[kept]
 
 
@@ -134,9 +134,9 @@ def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
     found = np.argwhere(grounded & (local_map.state == UNSEEN))
     centers = local_map.lowest + (found + 0.5) * local_map.resolution_m
     base = transform(local_map.T_base_map, centers)
-    own = np.abs(transform(invert(box.T_base_box), base))
+    off = np.abs(transform(invert(box.T_base_box), base))
     reach = box.dimensions_m / 2 + local_map.resolution_m / 2
-    return np.ascontiguousarray(base[np.any(own > reach, axis=1)])
+    return np.ascontiguousarray(base[np.any(off > reach, axis=1)])
 
 
 def unexplained_cells(occupied: MapObstacles, scene: Scene, box: Box) -> MapObstacles:
@@ -156,8 +156,8 @@ def unexplained_cells(occupied: MapObstacles, scene: Scene, box: Box) -> MapObst
     centers, edges = occupied.centers_m, occupied.edges_m
     near = np.all(np.abs(centers - box.T_base_box[:3, 3]) < _FAR_M, axis=1)
     heights = centers @ scene.plane.normal + scene.plane.offset_m
-    own = np.abs(transform(invert(box.T_base_box), centers)) - box.dimensions_m / 2
-    keep = near & (heights > edges / 2) & np.any(own > edges[:, None] / 2, axis=1)
+    beyond = np.abs(transform(invert(box.T_base_box), centers)) - box.dimensions_m / 2
+    keep = near & (heights > edges / 2) & np.any(beyond > edges[:, None] / 2, axis=1)
     rows = np.flatnonzero(keep)
     for row in rows.tolist():
         reach = edges[row] / 2 + _SLACK_M

@@ -20,6 +20,7 @@ from boxgrasp.sensing.sensor_model import (
     NOISE_LEAST_AT_M,
 )
 
+# Said where there is no point over the plane, and where no cluster of them is an object.
 NOTHING = "nothing stands on the support plane; valid: at least one object in view"
 
 _OBSTACLES_BEYOND_M = 0.6  # past max_range_m, from where a thing may still be in a hand's way
