@@ -1,4 +1,4 @@
-"""Choices made from rows alone are the selector's, and their worth is the score's."""
+"""Choices made from rows alone are the selector's, and their scores the thesis's."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ import boxgrasp.teaching.train as training
 from boxgrasp import GraspSelector
 from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.execution import Store, local_workers
-from boxgrasp.grasps.scoring import score, strict_score, thesis_score
+from boxgrasp.grasps.scoring import THESIS_SCORE
 from boxgrasp.perception.target import Target
+from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.model import load_model, ranked
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.study.evaluation import RANKERS, VERSIONS, Evaluation, model_set_of
-from boxgrasp.study.metrics import SHAPES, THESIS, categories, metrics_of
-from boxgrasp.teaching.matrices import largest_edge_m
+from boxgrasp.study.evaluation import RANKERS, Evaluation, model_sets_in
+from boxgrasp.study.metrics import SCORE_FUNCTIONS, category_counts, metrics_of
 from boxgrasp.teaching.rows import RowConfig, scenario_of_row
+from boxgrasp.teaching.samples import largest_edge_m
 from boxgrasp.teaching.search import Grid, Search, train
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import SVMS, examples, train_svms
+from boxgrasp.teaching.train import examples, train_svms
 
 COUNT = 60
 TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]))
@@ -51,8 +52,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def evaluation(place: Path) -> Evaluation:
     store = Store(place)
-    model_sets = {name: model_set_of(name, store, "models/") for name in VERSIONS}
-    return Evaluation(read_set(store, "tested/")[1], model_sets)
+    return Evaluation(read_set(store, "tested/")[1], model_sets_in(store, "models/"))
 
 
 @pytest.mark.parametrize("ranker", RANKERS)
@@ -60,15 +60,15 @@ def evaluation(place: Path) -> Evaluation:
 def test_a_row_s_pick_is_the_selector_s_answer(
     ranker: str, target_source: str, evaluation: Evaluation, place: Path
 ) -> None:
-    for check in (False, True):
+    for checked in (False, True):
         config = {
             "ranker": ranker,
-            "unchecked": not check,
+            "unchecked": not checked,
             "models": str(place / "models"),
             "box": {"fit": "aligned" if target_source == "given" else "yaw"},
         }
         selector = GraspSelector(config)
-        picks = evaluation.picks(ranker, target_source, check)
+        picks = evaluation.picks(ranker, target_source, checked=checked)
         for k in range(0, TESTED.count, 5):
             scenario = scenario_of_row(TESTED.rows, k)
             capture, object_ids = scenario.capture("xtion")
@@ -78,11 +78,10 @@ def test_a_row_s_pick_is_the_selector_s_answer(
             except BoxgraspError:
                 assert evaluation.rows[f"{target_source}_error"][k]
                 continue
-            if check:
-                label = answer.label or 0
-            else:  # what passes goes first in an unchecked answer only by preference
-                label = next(o.label for o in answer.candidates if o.preference == 1)
+            first = next(item.label for item in answer.candidates if item.rank == 1)
+            label = 0 if answer.grasp is None else answer.grasp.label
             assert picks[k] + 1 == label
+            assert checked or label == first
 
 
 def test_every_order_holds_every_candidate_once(evaluation: Evaluation) -> None:
@@ -90,13 +89,42 @@ def test_every_order_holds_every_candidate_once(evaluation: Evaluation) -> None:
         assert (np.sort(evaluation.order(ranker)) == np.arange(15)).all()
 
 
-def test_worth_is_the_scores_of_the_core(evaluation: Evaluation) -> None:
+def score(d: float, largest: float) -> float:
+    """The thesis's words (3-4), one grasp at a time."""
+    u = min(0.06, largest)
+    if d < 0.02 or largest < 0.02:
+        return 0.0
+    return 1.0 if d >= u else ((d - 0.02) / (u - 0.02)) ** 2
+
+
+def thesis_score(clearances_m: np.ndarray, chosen: int) -> float:
+    """Against the largest clearance of all candidates."""
+    return score(float(clearances_m[chosen]), float(clearances_m.max()))
+
+
+def strict_score(clearances_m: np.ndarray, valid: np.ndarray, chosen: int) -> float:
+    """Against the candidates that fit, stay off the plane and have a free way in."""
+    if not valid[chosen]:
+        return 0.0
+    return score(float(clearances_m[chosen]), float(clearances_m[valid].max()))
+
+
+def test_the_naive_scores_by_hand() -> None:
+    clearances = np.array([0.083, 0.028, 0.05, 0.0])
+    assert [thesis_score(clearances, k) for k in (0, 1, 3)] == pytest.approx([1.0, 0.04, 0.0])
+    valid = np.array([False, True, True, True])  # the best goes into the table
+    strict = [strict_score(clearances, valid, k) for k in (0, 2, 1)]
+    assert strict == pytest.approx([0.0, 1.0, (0.8 / 3.0) ** 2])
+
+
+def test_metrics_are_the_scores_of_the_thesis(evaluation: Evaluation) -> None:
     rows = evaluation.rows
     for name in RANKERS:
         picks = evaluation.picks(name)
         found = metrics_of(rows, "given", picks)
         for k, pick in enumerate(picks.tolist()):
-            assert found.score[k] == pytest.approx(thesis_score(rows["given_visible_m"][k], pick))
+            visible = rows["given_thesis_clearance_m"][k]
+            assert found.score[k] == pytest.approx(thesis_score(visible, pick))
             own = rows["given_true_clearance_m"][k][pick]
             assert found.exact_score[k] == pytest.approx(
                 score(own, float(rows["true_clearance_m"][k].max()))
@@ -105,7 +133,7 @@ def test_worth_is_the_scores_of_the_core(evaluation: Evaluation) -> None:
                 assert found.strict_score[k] == 0.0
 
 
-def test_strict_worth_equals_the_core_s_where_the_box_is_the_true_one(
+def test_strict_scores_are_the_naive_ones_where_the_box_is_the_true_one(
     evaluation: Evaluation,
 ) -> None:
     rows = dict(evaluation.rows)
@@ -130,21 +158,21 @@ def test_what_was_not_answered_has_no_score(evaluation: Evaluation) -> None:
     assert not (found.unobstructed | found.clear | found.good | found.into_table).any()
 
 
-def test_every_shape_is_0_when_red_and_1_when_green() -> None:
-    for shape in SHAPES:
-        d = np.array([0.0, 0.0199, 0.02, 0.035, shape.green_m, 0.3])
-        values = shape(d, np.full(6, 0.4))
+def test_every_score_is_0_when_red_and_1_when_green() -> None:
+    for function in SCORE_FUNCTIONS:
+        d = np.array([0.0, 0.0199, 0.02, 0.035, function.green_m, 0.3])
+        values = function(d, np.full(6, 0.4))
         assert values[:2].tolist() == [0, 0]
         assert values[4:].tolist() == [1, 1]
         assert 0 <= values[2] <= values[3] < 1
     for d in np.linspace(0, 0.08, 30):
         for best in (0.01, 0.03, 0.2):
             if d <= best:
-                assert THESIS(np.array([d]), np.array([best]))[0] == pytest.approx(score(d, best))
+                assert THESIS_SCORE([d], [best])[0] == pytest.approx(score(d, best))
 
 
 def test_categories_follow_the_scene_s_best() -> None:
-    counts = categories(np.array([0.01, 0.03, 0.04, 0.07]), np.array([0.2, 0.2, 0.04, 0.2]))
+    counts = category_counts(np.array([0.01, 0.03, 0.04, 0.07]), np.array([0.2, 0.2, 0.04, 0.2]))
     assert counts == (1, 1, 2)
 
 
@@ -176,7 +204,7 @@ def test_unlabeled_rows_cannot_teach(evaluation: Evaluation) -> None:
         examples(rows, SVMS[0], 3, None)
 
 
-def test_scikit_learn_the_file_and_the_first_preference_agree_on_every_scene(place: Path) -> None:
+def test_scikit_learn_the_file_and_the_first_rank_agree_on_every_scene(place: Path) -> None:
     store = Store(place)
     labels, tested = read_set(store, "labels/")[1], read_set(store, "tested/")[1]
     edge = largest_edge_m(labels)

@@ -12,7 +12,7 @@ from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 from boxgrasp.ranking import sampling
 from boxgrasp.study import plots
 from boxgrasp.study.intervals import Estimate, mean, share
-from boxgrasp.study.metrics import SHAPES
+from boxgrasp.study.metrics import SCORE_FUNCTIONS
 from boxgrasp.study.report import Row
 
 NAMES = ("single-grid", "<cascade> & $grid$")
@@ -112,7 +112,7 @@ def test_the_chosen_pair_is_outlined_once_where_it_was_tried():
 
 
 def test_every_score_has_its_curve():
-    assert len(groups(plots.score_functions(), "score-")) == len(SHAPES)
+    assert len(groups(plots.score_functions(), "score-")) == len(SCORE_FUNCTIONS)
 
 
 def test_points_stand_in_the_order_of_their_values_and_missing_ones_not_at_all():

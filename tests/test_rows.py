@@ -15,12 +15,20 @@ from boxgrasp import load_capture
 from boxgrasp.errors import ConfigError
 from boxgrasp.execution import Store, local_workers
 from boxgrasp.perception.target import Target
-from boxgrasp.ranking import features
-from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
+from boxgrasp.ranking.model_set import FACE_NUMBERS, SAMPLINGS, SampledScenes
+from boxgrasp.ranking.sampling import RESOLUTION_M
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.teaching.matrices import largest_edge_m, line_matrix, single_matrix
 from boxgrasp.teaching.operators import Label
-from boxgrasp.teaching.rows import CELLS_M, NUMBERS, RowConfig, row_of, scenario_of_row, selector
+from boxgrasp.teaching.rows import (
+    CHECK_FLAGS,
+    CHECK_VALUES,
+    MAP_RESOLUTIONS_M,
+    RowConfig,
+    row_of,
+    scenario_of_row,
+    selector,
+)
+from boxgrasp.teaching.samples import sampled_scenes
 from boxgrasp.teaching.sets import (
     SetConfig,
     capture_bytes,
@@ -45,32 +53,37 @@ def test_a_row_is_what_the_selector_sees(rows) -> None:
     capture, object_ids = scenario.capture("xtion")
     mask = Target(mask=object_ids == scenario.scene.target_id)
     for name, target in (("given", mask), ("found", None)):
-        analysis = selector(name, 3).analyze(capture, target, cells_m=CELLS_M)
-        for number in NUMBERS:
-            kept = rows[f"{name}_{number}"][3]
-            assert np.array_equal(kept, getattr(analysis.context.numbers, number)), number
-        assert np.array_equal(rows[f"{name}_passes"][3], target_source.verdict.passing)
+        analysis = selector(name, 3).analyze(capture, target)
+        results = analysis.context.check_results
+        for column, check in CHECK_VALUES.items():
+            kept = rows[f"{name}_{column}"][3]
+            assert np.array_equal(kept, results[check].value), column
+        for column, check in CHECK_FLAGS.items():
+            kept = rows[f"{name}_{column}"][3]
+            assert np.array_equal(kept, results[check].passed), column
+        assert np.array_equal(rows[f"{name}_passes"][3], analysis.passing)
 
 
-def test_matrices_are_the_features_of_the_method(rows) -> None:
+def test_models_see_in_rows_what_they_see_in_the_maps(rows) -> None:
     scenario = scenario_of_row(CONFIG, 2)
     capture, object_ids = scenario.capture("xtion")
     mask = Target(mask=object_ids == scenario.scene.target_id)
-    analysis = selector("given", 3).analyze(capture, mask, cells_m=CELLS_M).context
-    edge = largest_edge_m(rows)
-    for name in ("grid", "spiral"):
-        local_map, points = context.local_maps[RESOLUTION_M[name]], sampling(name)
-        size = context.box.dimensions_m
-        for used in (edge, None):
-            alone = features.single(local_map, size, points, used)
-            assert np.array_equal(single_matrix(rows, "given", name, used)[2], alone)
-            for face in range(1, 6):
-                alone = features.line(local_map, size, points, face, used)
-                assert np.array_equal(line_matrix(rows, "given", name, used, face)[2], alone)
+    chosen = selector("given", 3)
+    context = chosen.analyze(capture, mask, map_resolutions_m=MAP_RESOLUTIONS_M).context
+    for name in SAMPLINGS:
+        local_map = context.local_maps[RESOLUTION_M[name]]
+        alone = SampledScenes.of_map(local_map, context.box.dimensions_m, name)
+        every = sampled_scenes(rows, "given", name)
+        assert every.whole.dtype == alone.whole.dtype == np.float32
+        assert np.array_equal(every.whole[2], alone.whole[0])
+        assert np.array_equal(every.dimensions_m[2], alone.dimensions_m[0])
+        assert set(every.portions) == set(FACE_NUMBERS)
+        for face in FACE_NUMBERS:
+            assert np.array_equal(every.portions[face][2], alone.portions[face][0])
 
 
 def test_thesis_distance_is_the_check_s_when_the_target_is_given(rows) -> None:
-    assert np.array_equal(rows["given_visible_m"], rows["given_seen_m"])
+    assert np.array_equal(rows["given_thesis_clearance_m"], rows["given_visible_clearance_m"])
 
 
 def test_parquet_gives_back_what_it_got(rows) -> None:
@@ -89,7 +102,7 @@ def test_what_was_not_found_says_so_and_counts_nothing() -> None:
     made[1]["found_error"] = "no target"
     read = from_parquet(to_parquet(made, CONFIG))
     assert read["found_error"].tolist() == ["", "no target"]
-    assert np.isnan(read["found_seen_m"][1]).all()
+    assert np.isnan(read["found_visible_clearance_m"][1]).all()
     assert not read["found_passes"][1].any()
 
 
@@ -105,7 +118,8 @@ def test_runs_of_a_scenario_share_the_scene_and_not_the_noise() -> None:
 def test_fused_frames_leave_fewer_cells_unknown() -> None:
     alone = row_of(replace(CONFIG, stride=2, target_sources=("given",)), 0)
     fused = row_of(replace(CONFIG, stride=2, frames=4, target_sources=("given",)), 0)
-    assert np.array_equal(alone["given_seen_m"], fused["given_seen_m"])
+    column = "given_visible_clearance_m"
+    assert np.array_equal(alone[column], fused[column])
     assert (fused["given_spiral"] == 1).sum() <= (alone["given_spiral"] == 1).sum()
 
 
@@ -134,6 +148,19 @@ def test_joined_rows_follow_each_other(rows) -> None:
     assert np.array_equal(both["number"], rows["number"])
 
 
+def test_a_set_of_former_names_is_refused_with_the_names_of_now(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with local_workers(1) as workers:
+        make_set(store, "", SetConfig(replace(CONFIG, target_sources=("given",)), 1), workers, "")
+    made = tmp_path / "set.json"
+    for former, now in (("sights", "target_sources"), ("thin", "stride")):
+        text = made.read_text()
+        made.write_text(text.replace(f'"{now}"', f'"{former}"'))
+        with pytest.raises(ConfigError, match=f"'{former}' in rows is now '{now}'"):
+            read_set(store)
+        made.write_text(text)
+
+
 def test_nothing_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="boxgrasp simulate"):
         read_set(Store(tmp_path))
@@ -142,7 +169,6 @@ def test_nothing_there_is_said(tmp_path: Path) -> None:
 
 
 def test_a_kept_capture_is_the_one_that_was_seen(tmp_path: Path) -> None:
-
     path = tmp_path / "capture.npz"
     path.write_bytes(capture_bytes((CONFIG, 4)))
     kept = load_capture(path)

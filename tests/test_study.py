@@ -28,13 +28,13 @@ import boxgrasp.teaching.sets as sets
 from boxgrasp import __version__, load_capture
 from boxgrasp.cli import main
 from boxgrasp.execution import Store
+from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.model import SHIPPED
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
 from boxgrasp.study.sections.captures import captures_section
 from boxgrasp.teaching.rows import scenario_of_row
 from boxgrasp.teaching.sets import read_set
-from boxgrasp.teaching.train import SVMS
 
 SEED = 1
 REPRODUCE = [

@@ -10,7 +10,11 @@ import argparse
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+    """Add the command's options.
+
+    Args:
+        parser: of the command.
+    """
     from boxgrasp.cli._arguments import add_workers
 
     parser.add_argument("out", metavar="OUT", help="folder or URL to write to")
@@ -27,7 +31,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Reproduce."""
+    """Reproduce.
+
+    Args:
+        args: parsed.
+
+    Returns:
+        0, or 2 without the folder of captures.
+
+    Raises:
+        BoxgraspError: a place that cannot be used, or one with a study made otherwise.
+    """
     from pathlib import Path
 
     from boxgrasp.cli import complain

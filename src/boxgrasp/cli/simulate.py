@@ -12,8 +12,13 @@ GROUPS = ("known", "novel", "all", "real")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+    """Add the command's options.
+
+    Args:
+        parser: of the command.
+    """
     from boxgrasp.cli._arguments import add_workers
+    from boxgrasp.grasps.candidates import LINES
     from boxgrasp.simulate.scenario import NOISES, WISHES
 
     parser.add_argument("out", metavar="OUT", help="folder or URL to write to")
@@ -32,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--wish", choices=WISHES, default="feasible",
         help="which scenes are kept (default: feasible, at least one feasible grasp)",
     )  # fmt: skip
-    parser.add_argument("--lines", type=int, default=3, help="lines a face (default: 3)")
+    parser.add_argument("--lines", type=int, default=LINES, help=f"lines a face (default: {LINES})")
     parser.add_argument(
         "--keep-captures", action="store_true", help="write every capture too, as .npz"
     )
@@ -44,7 +49,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Cast the set."""
+    """Cast the set.
+
+    Args:
+        args: parsed.
+
+    Returns:
+        0.
+
+    Raises:
+        BoxgraspError: scenarios that cannot be drawn, or a place that cannot be used.
+    """
     from boxgrasp.execution import Store, workers_for
     from boxgrasp.simulate.scenario import Recipe, targets_of
     from boxgrasp.teaching.rows import RowConfig

@@ -10,7 +10,11 @@ import argparse
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+    """Add the command's options.
+
+    Args:
+        parser: of the command.
+    """
     from boxgrasp.cli._arguments import add_workers
 
     parser.add_argument("set", metavar="SET", help="folder or URL of a set")
@@ -20,8 +24,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train, and print a table like the thesis's B-1."""
+    """Train, and print a table like the thesis's B-1.
+
+    Args:
+        args: parsed.
+
+    Returns:
+        0.
+
+    Raises:
+        BoxgraspError: a set that cannot be read or cannot teach, or a place that cannot be used.
+    """
     from boxgrasp.execution import Store, workers_for
+    from boxgrasp.ranking.onnx.record import model_name
     from boxgrasp.teaching.sets import read_set
     from boxgrasp.teaching.train import train_svms
 
@@ -31,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     print("model                 C        gamma     vectors  examples  accuracy")
     for item in trained:
         record = item["record"]
-        name = record["version"] + ("" if record["part"] == "single" else f"-{record['part']}")
+        name = model_name(record["version"], record["part"])
         print(
             f"{name:20} {record['C']:9.4g} {record['gamma']:9.4g} {record['support_vectors']:9d}"
             f" {record['training_examples']:9d} {record['accuracy']:9.3f}"

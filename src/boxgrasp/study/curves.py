@@ -10,30 +10,42 @@ from typing import Any, Literal
 import numpy as np
 
 from boxgrasp.arrays import Array, Floats, Points
+from boxgrasp.grasps.candidates import LINES
 from boxgrasp.perception.target import Target
+from boxgrasp.ranking.model_set import SVMS, Decider, ModelSet, Part
 from boxgrasp.ranking.sampling import grid
-from boxgrasp.study.evaluation import Decider, ModelSet
-from boxgrasp.teaching.matrices import largest_edge_m
-from boxgrasp.teaching.rows import RowConfig, scenario_of_row, selector, states_at
+from boxgrasp.teaching.rows import RowConfig, scenario_of_row, selector
+from boxgrasp.teaching.samples import largest_edge_m, states_at
 from boxgrasp.teaching.search import train
-from boxgrasp.teaching.train import Part, Svm, examples
+from boxgrasp.teaching.train import examples
 
 # Cell sizes of future work 6-1; 7 cm is the grid sampling that every row has.
-CELLS_M = (0.02, 0.03, 0.05, 0.10)
+RESOLUTIONS_M = (0.02, 0.03, 0.05, 0.10)
 PART_ROWS = 40
 Kind = Literal["single", "cascade"]
-PARTS: Mapping[Kind, tuple[Part, ...]] = {"single": ("single",), "cascade": ("face", "side", "top")}
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A scikit-learn classifier as a decider."""
+    """A scikit-learn classifier as a decider.
+
+    Attributes:
+        model: the classifier.
+        classes: as trained, rising.
+    """
 
     model: Any
     classes: tuple[int, ...]
 
     def decide(self, X: Points) -> tuple[Array, Floats]:
-        """Predictions and decision values."""
+        """What the classifier predicts.
+
+        Args:
+            X: (N, F) float32 rows of features.
+
+        Returns:
+            (N,) predictions, and (N, K) decision values or probabilities.
+        """
         ask = getattr(self.model, "decision_function", None) or self.model.predict_proba
         values = np.asarray(ask(X), dtype=np.float64)
         if values.ndim == 1:  # two classes
@@ -43,40 +55,80 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Always:
-    """What is left to decide with one class: nothing."""
+    """What is left to decide with one class: nothing.
+
+    Attributes:
+        classes: the one.
+    """
 
     classes: tuple[int, ...]
 
     def decide(self, X: Points) -> tuple[Array, Floats]:
-        """The one class, always."""
+        """The one class, always.
+
+        Args:
+            X: (N, F) rows of features.
+
+        Returns:
+            (N,) predictions, and (N, 1) zeros.
+        """
         return np.full(len(X), self.classes[0]), np.zeros((len(X), 1))
 
 
+@dataclass(frozen=True)
+class Variant:
+    """A version of the algorithm, fitted otherwise than the thesis did.
+
+    Attributes:
+        kind: `single` or `cascade`.
+        sampling: `spiral` or `grid`.
+        lines: l, lines a face.
+        network: seed of a small neural network in place of each SVM; None for SVMs.
+        own_edge: dimensions over each box's own longest edge.
+    """
+
+    kind: Kind
+    sampling: str
+    lines: int = LINES
+    network: int | None = None
+    own_edge: bool = False
+
+    @property
+    def version(self) -> str:
+        """The thesis's version."""
+        return f"{self.kind}-{self.sampling}"
+
+
 def fit(
-    rows: Mapping[str, Array],
-    kind: Kind,
-    sampling: str,
-    held: Mapping[Part, tuple[float, float]],
-    lines: int = 3,
-    network: int | None = None,
-    own_edge: bool = False,
+    rows: Mapping[str, Array], variant: Variant, held: Mapping[Part, tuple[float, float]]
 ) -> ModelSet:
     """A version fitted with C and gamma held.
 
-    kind: `single` or `cascade`; held: C and gamma by part; network: seed of a small neural
-    network in place of each SVM; own_edge: dimensions over each box's own longest edge.
+    Args:
+        rows: columns by name, labeled.
+        variant: which version, and how.
+        held: C and gamma by part.
+
+    Returns:
+        The fitted classifiers.
+
+    Raises:
+        ConfigError: fewer than two classes, or rows without a label.
+        MissingExtraError: scikit-learn is not installed.
     """
-    edge = None if own_edge else largest_edge_m(rows)
+    edge = None if variant.own_edge else largest_edge_m(rows)
     parts: dict[Part, Decider] = {}
-    for part in PARTS[kind]:
-        svm = Svm(0, sampling, part)
-        if lines == 1 and part in ("side", "top"):
-            parts[part] = Always((1,))
+    for svm in (svm for svm in SVMS if svm.version == variant.version):
+        if variant.lines == 1 and svm.part in ("side", "top"):
+            parts[svm.part] = Always((1,))
             continue
-        X, y = examples(rows, svm, lines, edge)
-        model = train(X, y, *held[part]) if network is None else _network(X, y, network)
-        parts[part] = Fitted(model, tuple(int(c) for c in model.classes_))
-    return ModelSet(sampling, edge, parts, lines)
+        X, y = examples(rows, svm, variant.lines, edge)
+        if variant.network is None:
+            model = train(X, y, *held[svm.part])
+        else:
+            model = _network(X, y, variant.network)
+        parts[svm.part] = Fitted(model, tuple(int(c) for c in model.classes_))
+    return ModelSet(variant.sampling, edge, parts, variant.lines)
 
 
 def _network(X: Points, y: Array, seed: int) -> Any:
@@ -93,18 +145,26 @@ def _network(X: Points, y: Array, seed: int) -> Any:
 
 
 def dense_part(task: tuple[RowConfig, range]) -> bytes:
-    """Dense occupancy of each row at every cell size, as .npz: uint8 (n, P) a size, and no more.
+    """Dense states of some rows at every cell size; a task of its own.
 
     Scenes and noise are those of the rows of the same numbers.
+
+    Args:
+        task: how rows are made, and the rows' numbers.
+
+    Returns:
+        A .npz: uint8 (n, P) a cell size.
     """
     config, numbers = task
-    found: dict[str, list[Array]] = {_name(size): [] for size in CELLS_M}
+    found: dict[str, list[Array]] = {_name(size): [] for size in RESOLUTIONS_M}
     for number in numbers:
         scenario = scenario_of_row(config, number)
-        capture, labels = scenario.capture(config.recipe.noise)
-        mask = Target(mask=labels == scenario.scene.target_id)
-        analysis = selector("given", config.lines).analyze(capture, mask, cells_m=CELLS_M)
-        for size in CELLS_M:
+        capture, object_ids = scenario.capture(config.recipe.noise)
+        target = Target(mask=object_ids == scenario.scene.target_id)
+        analysis = selector("given", config.lines).analyze(
+            capture, target, map_resolutions_m=RESOLUTIONS_M
+        )
+        for size in RESOLUTIONS_M:
             found[_name(size)].append(states_at(analysis.context.local_maps[size], grid(size)))
     out = io.BytesIO()
     np.savez_compressed(out, **{name: np.array(values) for name, values in found.items()})  # type: ignore[arg-type]
@@ -112,19 +172,39 @@ def dense_part(task: tuple[RowConfig, range]) -> bytes:
 
 
 def read_dense(parts: list[bytes]) -> dict[float, Array]:
-    """The parts put together, by cell size."""
+    """The parts put together.
+
+    Args:
+        parts: of `dense_part`.
+
+    Returns:
+        (N, P) uint8 by cell size, m.
+    """
     loaded = [np.load(io.BytesIO(data), allow_pickle=False) for data in parts]
-    return {size: np.concatenate([part[_name(size)] for part in loaded]) for size in CELLS_M}
+    return {size: np.concatenate([part[_name(size)] for part in loaded]) for size in RESOLUTIONS_M}
 
 
 def _name(size_m: float) -> str:
     return f"cells_{round(1000 * size_m)}mm"
 
 
-def dense_predictions(X: Points, y: Array, tested: Points, C: float, gamma: float) -> Array:
-    """(T,) predictions of an RBF SVM, its kernel computed by one matrix product."""
+def dense_predictions(
+    X: Points, y: Array, tested: Points, parameters: tuple[float, float]
+) -> Array:
+    """Predictions of an RBF SVM, its kernel computed by one matrix product.
+
+    Args:
+        X: (N, F) features to learn from.
+        y: (N,) classes.
+        tested: (T, F) features to predict from.
+        parameters: C and gamma.
+
+    Returns:
+        (T,) classes.
+    """
     from sklearn.svm import SVC
 
+    C, gamma = parameters
     model = SVC(kernel="precomputed", C=C).fit(_kernel(X, X, gamma), y)
     return np.asarray(model.predict(_kernel(tested, X, gamma)))
 

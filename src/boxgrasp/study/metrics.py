@@ -1,58 +1,61 @@
-"""What picks are worth, many at once: thesis score, strict score, other shapes of it (3-4)."""
+"""What picks come to, many at once: clearances, scores, categories (thesis 3-4)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array, Floats
-from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
+from boxgrasp.grasps.scoring import (
+    GREEN_FROM_M,
+    RED_BELOW_M,
+    THESIS_SCORE,
+    ScoreFunction,
+    squared,
+)
 
 Bools = NDArray[np.bool_]
 
-ASK = -1
+ASK: Final = -1  # in place of a candidate's index
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A score: 0 below red_m, 1 from green_m (or the scene's best), between them by `rise`."""
-
-    name: str
-    rise: Callable[[Floats], Floats]
-    green_m: float = GREEN_FROM_M
-    red_m: float = RED_BELOW_M
-
-    def __call__(self, clearance_m: Floats, best_m: Floats) -> Floats:
-        """(N,) score of clearances (N,) in scenes whose largest clearance is best_m (N,)."""
-        d, best = np.asarray(clearance_m, np.float64), np.asarray(best_m, np.float64)
-        u = np.minimum(self.green_m, best)
-        share = (d - self.red_m) / np.maximum(u - self.red_m, 1e-12)
-        risen = np.where(d >= u, 1.0, self.rise(np.clip(share, 0.0, 1.0)))
-        return np.where((d < self.red_m) | (best < self.red_m), 0.0, risen)
+def _as_it_is(share: Floats) -> Floats:
+    return share
 
 
-THESIS = Shape("quadratic, 6 cm", lambda t: np.asarray(t**2))
+def _exponential(share: Floats) -> Floats:
+    return np.asarray(np.expm1(3.0 * share) / np.expm1(3.0))
+
+
 # The thesis tried these kinds (3-4) and gives no formulas; the exponential's steepness is ours.
-SHAPES = (
-    THESIS,
-    Shape("linear, 6 cm", lambda t: t),
-    Shape("exponential, 6 cm", lambda t: np.asarray(np.expm1(3.0 * t) / np.expm1(3.0))),
-    Shape("quadratic, 5 cm", lambda t: np.asarray(t**2), green_m=0.05),
-    Shape("linear, 5 cm", lambda t: t, green_m=0.05),
-    Shape("exponential, 5 cm", lambda t: np.asarray(np.expm1(3.0 * t) / np.expm1(3.0)), 0.05),
+SCORE_FUNCTIONS: Final = (
+    THESIS_SCORE,
+    ScoreFunction("linear, 6 cm", _as_it_is),
+    ScoreFunction("exponential, 6 cm", _exponential),
+    ScoreFunction("quadratic, 5 cm", squared, green_m=0.05),
+    ScoreFunction("linear, 5 cm", _as_it_is, green_m=0.05),
+    ScoreFunction("exponential, 5 cm", _exponential, green_m=0.05),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Metrics:
-    """Each (N,), for the picks of N rows; NaN or False where nothing was picked.
+    """What the picks of N rows come to; each (N,), NaN or False where nothing was picked.
 
-    visible_m: to the visible cloud, as the thesis measured; exact_m: to exact surfaces. score,
-    exact_score: the thesis's score by the one and the other; strict_score: by exact surfaces, over
-    the candidates that fit, stay off the table and have a free approach, 0 for a pick that does not.
+    Attributes:
+        answered: whether something was picked.
+        visible_m: clearance to the visible cloud, as the thesis measured, m.
+        exact_m: clearance to exact surfaces, hidden sides included, m.
+        valid: fits, stays off the table and has a free way in.
+        into_table: goes into the table.
+        too_wide: the target does not go between the fingers.
+        score: the thesis's, by visible_m.
+        exact_score: the thesis's, by exact_m.
+        strict_score: by exact_m over the candidates that are valid; 0 for a pick that is not.
     """
 
     answered: Bools
@@ -82,9 +85,22 @@ class Metrics:
 
 
 def metrics_of(
-    rows: Mapping[str, Array], target_source: str, picks: Array, shape: Shape = THESIS
+    rows: Mapping[str, Array],
+    target_source: str,
+    picks: Array,
+    score: ScoreFunction = THESIS_SCORE,
 ) -> Metrics:
-    """What the picked candidates are worth: picks (N,) candidate indices, -1 for a request for help."""
+    """What picked candidates come to.
+
+    Args:
+        rows: columns by name.
+        target_source: `given` or `found`.
+        picks: (N,) candidate indices, `ASK` for a request for help.
+        score: in place of the thesis's.
+
+    Returns:
+        The numbers of each row.
+    """
     answered = picks != ASK
     at = np.arange(len(picks)), np.where(answered, picks, 0)
 
@@ -94,10 +110,10 @@ def metrics_of(
     def numbers(values: Array) -> Floats:
         return np.where(answered, values, np.nan)
 
-    visible, exact = of("visible_m"), of("true_clearance_m")
+    visible, exact = of("thesis_clearance_m"), of("true_clearance_m")
     fits, off = of("true_fits") & answered, of("true_plane_clearance_m") > 0
     valid = fits & off & (of("true_approach_clearance_m") > 0)
-    strict = np.where(valid, shape(exact, rows["best_m"]), 0.0)
+    largest_visible = rows[f"{target_source}_thesis_clearance_m"].max(axis=1)
     return Metrics(
         answered=answered,
         visible_m=numbers(visible),
@@ -105,16 +121,24 @@ def metrics_of(
         valid=valid,
         into_table=answered & ~off,
         too_wide=answered & ~fits,
-        score=numbers(shape(visible, rows[f"{target_source}_visible_m"].max(axis=1))),
-        exact_score=numbers(shape(exact, rows["true_clearance_m"].max(axis=1))),
-        strict_score=numbers(strict),
+        score=numbers(score(visible, largest_visible)),
+        exact_score=numbers(score(exact, rows["true_clearance_m"].max(axis=1))),
+        strict_score=numbers(np.where(valid, score(exact, rows["best_m"]), 0.0)),
     )
 
 
-def categories(clearance_m: Floats, best_m: Floats) -> tuple[int, int, int]:
-    """How many are red, yellow, green; green from the scene's best where that is under 6 cm."""
+def category_counts(clearance_m: Floats, largest_m: Floats) -> tuple[int, int, int]:
+    """How many picks are of each category (3-4); green from the scene's largest where under 6 cm.
+
+    Args:
+        clearance_m: (N,) of the picks, m, NaN for none.
+        largest_m: (N,) the largest of each scene, m.
+
+    Returns:
+        Red, yellow, green.
+    """
     d = clearance_m[~np.isnan(clearance_m)]
-    u = np.minimum(GREEN_FROM_M, best_m[~np.isnan(clearance_m)])
+    u = np.minimum(GREEN_FROM_M, largest_m[~np.isnan(clearance_m)])
     red = d < RED_BELOW_M
     green = ~red & (d >= u)
     return int(red.sum()), int((~red & ~green).sum()), int(green.sum())

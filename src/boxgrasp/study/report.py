@@ -25,7 +25,14 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 @dataclass(frozen=True)
 class Row:
-    """One figure: the thesis's number or words (None: it has none), ours, and what to add."""
+    """One figure of the thesis beside ours.
+
+    Attributes:
+        name: what is counted.
+        thesis: its number or words; None where it has none.
+        ours: our number, estimate or words.
+        note: what to add.
+    """
 
     name: str
     thesis: float | int | str | None
@@ -47,7 +54,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; each of its rows has a cell for each column."""
+    """A table; each of its rows has a cell for each column.
+
+    Attributes:
+        title: over it.
+        columns: their names.
+        rows: cells.
+
+    Raises:
+        ValueError: a row of another length.
+    """
 
     title: str
     columns: tuple[str, ...]
@@ -64,7 +80,18 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture, SVG or PNG; `name` is its file's, `alt` says what it shows to who cannot see."""
+    """A picture, SVG or PNG.
+
+    Attributes:
+        name: of its file, without the ending.
+        caption: below it.
+        svg: as text, or None.
+        png: as bytes, or None.
+        alt: what it shows, for who cannot see it.
+
+    Raises:
+        ValueError: not one of SVG and PNG, or a name that is no file's.
+    """
 
     name: str
     caption: str
@@ -90,7 +117,20 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the report; `place` is where the thesis has it, `words` are paragraphs."""
+    """One part of the report.
+
+    Attributes:
+        key: tells it from the others.
+        title: over it.
+        place: where the thesis has it.
+        words: paragraphs.
+        rows: figures beside the thesis's.
+        tables: below them.
+        pictures: below them.
+
+    Raises:
+        ValueError: a key that is no name.
+    """
 
     key: str
     title: str
@@ -106,7 +146,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the thesis says, where, whether it came out here, and why as far as can be seen."""
+    """What the thesis says, and whether it came out here.
+
+    Attributes:
+        text: what it says.
+        place: where.
+        verdict: whether it came out.
+        reason: why, as far as can be seen.
+    """
 
     text: str
     place: str
@@ -116,7 +163,18 @@ class Claim:
 
 @dataclass(frozen=True)
 class Report:
-    """The whole report; `made_with` says by what it can be made again (seed, versions, counts)."""
+    """The whole report.
+
+    Attributes:
+        title: over it.
+        made_with: by what it can be made again: seed, versions, counts.
+        sections: its parts.
+        claims: of the thesis.
+        notice: what every reader must know.
+
+    Raises:
+        ValueError: two sections or two pictures of one name.
+    """
 
     title: str
     made_with: Mapping[str, str] = field(default_factory=dict)
@@ -129,12 +187,20 @@ class Report:
         _validate_once("picture", [picture.name for picture in self.pictures()])
 
     def pictures(self) -> Iterator[Picture]:
-        """Every picture, in order."""
+        """Every picture.
+
+        Yields:
+            In order.
+        """
         for section in self.sections:
             yield from section.pictures
 
     def rows(self) -> Iterator[Row]:
-        """Every row, in order."""
+        """Every row.
+
+        Yields:
+            In order.
+        """
         for section in self.sections:
             yield from section.rows
 
@@ -143,11 +209,25 @@ class Reads(Protocol):
     """A place that keeps named bytes."""
 
     def read(self, name: str) -> bytes:
-        """What is kept under the name."""
+        """What is kept under a name.
+
+        Args:
+            name: relative path.
+
+        Returns:
+            Its bytes.
+        """
 
 
 def to_json(report: Report) -> bytes:
-    """The report as JSON: all its figures; of the pictures their files' names. NaN is null."""
+    """The report as JSON.
+
+    Args:
+        report: any.
+
+    Returns:
+        All its figures; of the pictures their files' names. NaN is null.
+    """
     found = msgspec.json.decode(msgspec.json.encode(report, enc_hook=_plain))
     for section in found["sections"]:
         for picture in section["pictures"]:
@@ -160,6 +240,12 @@ def to_json(report: Report) -> bytes:
 
 def read(store: Reads) -> Report:
     """The report that `write` kept at a place.
+
+    Args:
+        store: the place.
+
+    Returns:
+        The report.
 
     Raises:
         StoreError: what is kept there is no report.

@@ -29,11 +29,20 @@ class Writes(Protocol):
     """A place to keep named bytes."""
 
     def write(self, name: str, data: bytes) -> None:
-        """Keep the bytes under the name."""
+        """Keep bytes under a name.
+
+        Args:
+            name: relative path.
+            data: the bytes.
+        """
 
 
 def write(report: Report, store: Writes) -> None:
     """Keep report.html (all in one file), report.md, report.json, and pictures/* beside them.
+
+    Args:
+        report: any.
+        store: where to.
 
     Raises:
         MissingExtraError: jinja2 is not installed.
@@ -46,7 +55,13 @@ def write(report: Report, store: Writes) -> None:
 
 
 def html(report: Report) -> str:
-    """The report as one HTML page: pictures inlined, no script, nothing from elsewhere.
+    """The report as one page: pictures inlined, no script, nothing from elsewhere.
+
+    Args:
+        report: any.
+
+    Returns:
+        HTML.
 
     Raises:
         MissingExtraError: jinja2 is not installed.
@@ -81,7 +96,14 @@ def html(report: Report) -> str:
 
 
 def markdown(report: Report) -> str:
-    """The report as Markdown; pictures are files beside it."""
+    """The report as a page whose pictures are files beside it.
+
+    Args:
+        report: any.
+
+    Returns:
+        Markdown.
+    """
     lines = [f"# {_md(report.title)}", "", f"> {_md(report.notice)}", ""]
     lines += [*(part for words in summary(report) for part in (_md(words), "")), "## Made with", ""]
     lines += [f"- {_md(key)}: {_md(str(value))}" for key, value in report.made_with.items()]
@@ -105,7 +127,14 @@ def markdown(report: Report) -> str:
 
 
 def summary(report: Report) -> tuple[str, ...]:
-    """What the whole comes to, in sentences that are counted, not written."""
+    """What the whole comes to, in sentences that are counted, not written.
+
+    Args:
+        report: any.
+
+    Returns:
+        Paragraphs.
+    """
     asides = Counter(row.aside for row in report.rows())
     compared = sum(asides.values()) - asides[""]
     said = []
@@ -124,7 +153,14 @@ def summary(report: Report) -> tuple[str, ...]:
 
 
 def row_cells(row: Row) -> tuple[str, ...]:
-    """A row's texts, one for each of COLUMNS; a dash where there is nothing."""
+    """A row as text.
+
+    Args:
+        row: any.
+
+    Returns:
+        A text for each of `COLUMNS`; a dash where there is nothing.
+    """
     ours = row.ours
     interval = count = ""
     if isinstance(ours, Estimate):
@@ -134,7 +170,14 @@ def row_cells(row: Row) -> tuple[str, ...]:
 
 
 def theirs(value: float | int | str | None) -> str:
-    """The thesis's figure, with the digits it prints, at least two after the point."""
+    """The thesis's figure as text.
+
+    Args:
+        value: a number or words, or None.
+
+    Returns:
+        With the digits that the thesis prints, at least two after the point.
+    """
     if not isinstance(value, float) or not math.isfinite(value):
         return cell(value)
     text = f"{value:.4f}".rstrip("0")
@@ -142,7 +185,14 @@ def theirs(value: float | int | str | None) -> str:
 
 
 def cell(value: Cell) -> str:
-    """Any cell as text: an estimate with its interval, a dash for what is missing or no number."""
+    """Any cell as text.
+
+    Args:
+        value: number, estimate or words, or None.
+
+    Returns:
+        An estimate with its interval; a dash for what is missing or no number.
+    """
     if isinstance(value, Estimate):
         if value.value is None:
             return DASH

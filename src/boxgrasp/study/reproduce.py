@@ -36,7 +36,21 @@ NOTICE = (
 
 
 def reproduce(study: Study, captures: Path | None = None) -> Report:
-    """Do what is not done yet, and write report.html, report.md and report.json."""
+    """Do what is not done yet, and write report.html, report.md and report.json.
+
+    Args:
+        study: where and how much.
+        captures: a folder of real captures to decide on too, or None.
+
+    Returns:
+        The report.
+
+    Raises:
+        ConfigError: the place holds a study made otherwise.
+        StoreError: the place cannot be read or written.
+        WorkError: workers were lost.
+        MissingExtraError: a part of the extra `train` is not installed.
+    """
     study.cast()
     report = Report(
         title="Learning autonomous grasping strategies: the thesis beside this package",

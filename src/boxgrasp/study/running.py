@@ -18,14 +18,22 @@ from boxgrasp.geometry.transforms import invert
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.sampling import RESOLUTION_M
-from boxgrasp.teaching.rows import RowConfig, occupied_at, scenario_of_row, selector
+from boxgrasp.teaching.rows import RowConfig, scenario_of_row, selector
+from boxgrasp.teaching.samples import sample_states
 
 BEFORE = 5  # frames that the map has seen before the first decision (ours)
 COLUMNS = ("given_grid", "given_grid_portions", "given_dimensions_m")
 
 
 def running_part(task: tuple[RowConfig, range]) -> bytes:
-    """The grid's features of every run of some scenarios, as .npz: (scenarios * runs, ...)."""
+    """What the grid samples say in every run of some scenarios; a task of its own.
+
+    Args:
+        task: how rows are made, and the scenarios' numbers.
+
+    Returns:
+        A .npz of `COLUMNS`, each (scenarios * runs, ...).
+    """
     config, numbers = task
     found: dict[str, list[Array]] = {name: [] for name in COLUMNS}
     for number in numbers:
@@ -38,28 +46,33 @@ def running_part(task: tuple[RowConfig, range]) -> bytes:
 
 
 def read_running(parts: list[bytes]) -> Mapping[str, Array]:
-    """The parts put together, columns as in a set's rows."""
+    """The parts put together.
+
+    Args:
+        parts: of `running_part`.
+
+    Returns:
+        Columns as in a set's rows.
+    """
     loaded = [np.load(io.BytesIO(data), allow_pickle=False) for data in parts]
     return {name: np.concatenate([part[name] for part in loaded]) for name in COLUMNS}
 
 
 def _runs(config: RowConfig, number: int) -> list[tuple[Array, Array, Floats]]:
-    scenario, chosen = (
-        scenario_of_row(config, number),
-        selector("given", config.lines, config.stride),
-    )
+    scenario = scenario_of_row(config, number)
+    chosen = selector("given", config.lines, config.stride)
     frames = [scenario.capture(config.recipe.noise, k) for k in range(BEFORE + config.runs)]
     rays = [(frame.valid_points()[0][:: config.stride], np.zeros(3)) for frame, _ in frames]
     cells = replace(chosen.config.mapping, resolution_m=RESOLUTION_M["grid"])
     T_source_map: Floats | None = None
     found: list[tuple[Array, Array, Floats]] = []
     for run in range(config.runs):
-        frame, labels = frames[BEFORE + run]
-        mask = Target(mask=labels == scenario.scene.target_id)
-        analysis = chosen.analyze(frame, mask)
+        frame, object_ids = frames[BEFORE + run]
+        target = Target(mask=object_ids == scenario.scene.target_id)
+        analysis = chosen.analyze(frame, target)
         box = analysis.context.box
         if T_source_map is None:
             T_source_map = invert(analysis.scene.T_base_source) @ box.T_base_map()
         local_map = build_local_map(rays[: BEFORE + run + 1], T_source_map, cells)
-        found.append((*occupied_at(local_map, "grid"), box.dimensions_m))
+        found.append((*sample_states(local_map, "grid"), box.dimensions_m))
     return found

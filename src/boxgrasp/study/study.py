@@ -13,18 +13,35 @@ from typing import Any
 
 from boxgrasp.errors import ConfigError
 from boxgrasp.execution import Store, Workers
+from boxgrasp.ranking.model_set import SVMS, ModelSet
 from boxgrasp.simulate.scenario import Recipe, targets_of
-from boxgrasp.study.evaluation import VERSIONS, Evaluation, ModelSet, model_set_of
+from boxgrasp.study.evaluation import Evaluation, model_sets_in
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import SVMS, train_svms
+from boxgrasp.teaching.train import train_svms
 
 STREAMS = 1000
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How much is cast; the defaults are the thesis's counts and the larger ones beside them."""
+    """How much is cast; the defaults are the thesis's counts and the larger ones beside them.
+
+    Attributes:
+        labels: rows that teach.
+        tested: test scenarios.
+        first: of them, as many as the thesis had.
+        need: scenes that need a line off the center.
+        central: scenes without a valid candidate on a central line.
+        real: scenes of the stand-in for the real world.
+        ad_hoc: of them, scenes that need a line off the center.
+        runs: how often each scene of the stand-in is seen.
+        fused: frames in the map of the fused ones.
+        full: the parts below too.
+        real_once: scenes of the stand-in that are seen once.
+        most_labels: rows that teach at most.
+        curve_tested: test scenarios of the curves.
+    """
 
     labels: int = 800
     tested: int = 2000
@@ -36,13 +53,19 @@ class Scale:
     runs: int = 10
     fused: int = 10
     full: bool = False
-    # With `full`: the real-world stand-in once more, curves over cells, labels and lines.
     real_once: int = 2000
     most_labels: int = 3200
     curve_tested: int = 500
 
     def fully(self, full: bool) -> Scale:
-        """The same with or without what `full` adds."""
+        """The same with or without what `full` adds.
+
+        Args:
+            full: as `Scale.full`.
+
+        Returns:
+            Another one.
+        """
         return replace(self, full=full)
 
 
@@ -55,6 +78,12 @@ SMALL = Scale(
 @dataclass(frozen=True, eq=False)
 class Study:
     """A study at a place; what is finished there is not made again.
+
+    Attributes:
+        store: the place.
+        workers: who works.
+        seed: of all its sets.
+        scale: how much is cast.
 
     Raises:
         ConfigError: a negative seed.
@@ -72,7 +101,11 @@ class Study:
             raise ConfigError(f"seed is {self.seed}; valid: 0 or more")
 
     def sets(self) -> dict[str, SetConfig]:
-        """Every set of the study by name."""
+        """Every set of the study.
+
+        Returns:
+            By name.
+        """
         n = self.scale
         known, every = targets_of("known"), targets_of("all")
         real = targets_of("real", "real")
@@ -120,12 +153,25 @@ class Study:
 
         Raises:
             ConfigError: the place holds a study made otherwise.
+            StoreError: the place cannot be read or written.
+            WorkError: workers were lost.
         """
         for name, config in self.sets().items():
             make_set(self.store, f"sets/{name}/", config, self.workers, f"cast {name}")
 
     def rows(self, name: str) -> Rows:
-        """The rows of a set."""
+        """The rows of a set.
+
+        Args:
+            name: of the set.
+
+        Returns:
+            Its rows.
+
+        Raises:
+            ConfigError: it is not cast yet.
+            StoreError: the place cannot be read.
+        """
         if name not in self._rows:
             self._rows[name] = read_set(self.store, f"sets/{name}/")[1]
         return self._rows[name]
@@ -141,10 +187,21 @@ class Study:
     def model_sets(self) -> Mapping[str, ModelSet]:
         """The trained deciders of the four versions."""
         _ = self.trained  # trains what is not there yet
-        return {version: model_set_of(version, self.store, "models/") for version in VERSIONS}
+        return model_sets_in(self.store, "models/")
 
     def evaluation(self, name: str) -> Evaluation:
-        """A set's rows with what every ranker picks in them."""
+        """A set's rows with what every ranker picks in them.
+
+        Args:
+            name: of the set.
+
+        Returns:
+            One a set, kept.
+
+        Raises:
+            ConfigError: it is not cast yet.
+            StoreError: the place cannot be read.
+        """
         if name not in self._evaluations:
             self._evaluations[name] = Evaluation(self.rows(name), self.model_sets)
         return self._evaluations[name]

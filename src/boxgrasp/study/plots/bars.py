@@ -10,17 +10,24 @@ from numpy.typing import ArrayLike
 
 from boxgrasp.draw.palette import CATEGORY, WORD
 from boxgrasp.grasps.candidates import FACES
+from boxgrasp.grasps.scoring import CATEGORIES
 from boxgrasp.study.plots.sheet import FAINT_HEX, INK_HEX, hexed, sheet, svg, wrapped
 
-ORDER: Final = ("red", "yellow", "green")
 _HATCH: Final = {"red": "xxx", "yellow": "//", "green": ""}
 _LINE_HATCH: Final = ("//", "", "\\\\", "..", "xx", "--", "++")
 _SMALLEST = 0.055  # of a column, that holds its own number
-_ON_LABEL: Final = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
+_BEHIND_TEXT: Final = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 
 
 def category_shares(names: Sequence[str], counts: Sequence[tuple[int, int, int]]) -> str:
-    """Shares of red, yellow and green, a column a name; counts are how many of each.
+    """Shares of red, yellow and green, a column a name.
+
+    Args:
+        names: of the columns.
+        counts: how many are red, yellow and green, a column each.
+
+    Returns:
+        SVG.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -39,7 +46,7 @@ def category_shares(names: Sequence[str], counts: Sequence[tuple[int, int, int]]
                 edgecolor=INK_HEX,
                 label=f"{c}: {WORD[c]}",
             )
-            for c in (ORDER if wide else ORDER[::-1])
+            for c in (CATEGORIES if wide else CATEGORIES[::-1])
         ]
         place = "outside upper center" if wide else "outside right center"
         figure.legend(handles=keys, loc=place, ncols=3 if wide else 1, handleheight=1.2)
@@ -62,7 +69,7 @@ def _column(axes: Any, at: int, counts: tuple[int, int, int]) -> None:
         return
     below = 0.0
     aside_from = -0.03
-    for name, count in zip(ORDER, counts, strict=True):
+    for name, count in zip(CATEGORIES, counts, strict=True):
         part = count / total
         axes.bar(
             at, part, 0.62, below, color=hexed(CATEGORY[name]), hatch=_HATCH[name],
@@ -71,7 +78,7 @@ def _column(axes: Any, at: int, counts: tuple[int, int, int]) -> None:
         middle = below + part / 2
         text = f"{100 * part:.0f} %" if part >= 0.1 or count == 0 else f"{100 * part:.1f} %"
         if part >= _SMALLEST:
-            axes.text(at, middle, text, ha="center", va="center", fontsize=9, bbox=_ON_LABEL)
+            axes.text(at, middle, text, ha="center", va="center", fontsize=9, bbox=_BEHIND_TEXT)
         elif count:
             # Too thin for its number, which stands beside it and over the one below.
             aside_from = max(middle, aside_from + 0.055)
@@ -80,7 +87,13 @@ def _column(axes: Any, at: int, counts: tuple[int, int, int]) -> None:
 
 
 def label_distribution(labels: ArrayLike) -> str:
-    """Labels by class and by line; labels (5, l) are how many on each face and line.
+    """Labels by class and by line.
+
+    Args:
+        labels: (5, l) how many on each face and line.
+
+    Returns:
+        SVG.
 
     Raises:
         MissingExtraError: matplotlib is not installed.

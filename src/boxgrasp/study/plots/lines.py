@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from boxgrasp.draw.palette import CATEGORY
-from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
+from boxgrasp.grasps.scoring import CATEGORIES, GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.study.intervals import Estimate
-from boxgrasp.study.metrics import SHAPES
+from boxgrasp.study.metrics import SCORE_FUNCTIONS
 from boxgrasp.study.plots.sheet import COLORS, DASHES, FAINT_HEX, MARKS, hexed, known, sheet, svg
 
 _MOST_TICKS = 10
@@ -19,8 +19,13 @@ _MOST_TICKS = 10
 def heat_map(found: Mapping[str, Any], name: str) -> str:
     """Accuracies over C and gamma, coarse and fine, the chosen pair outlined.
 
-    found: a search's `C`, `gamma`, `accuracy`, and `coarse` and `fine` with `costs` (values of C),
-    `gammas`, and `accuracies` (len(gammas), len(costs)).
+    Args:
+        found: a search's `C`, `gamma`, `accuracy`, and `coarse` and `fine` with `costs` (values of
+            C), `gammas`, and `accuracies` (len(gammas), len(costs)).
+        name: of the SVM.
+
+    Returns:
+        SVG.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -81,7 +86,10 @@ def _outline(axes: Any, grid: Mapping[str, Any], C: float, gamma: float) -> None
 
 
 def score_functions() -> str:
-    """Score over clearance: the thesis's (figure 3-14) and the other shapes it speaks of.
+    """Score over clearance: the thesis's (figure 3-14) and the others it speaks of.
+
+    Returns:
+        SVG.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -90,23 +98,23 @@ def score_functions() -> str:
     with sheet(6.4, 3.6) as figure:
         axes = figure.subplots()
         edges = (0.0, RED_BELOW_M, GREEN_FROM_M, float(clearance_m[-1]))
-        for name, low, high in zip(("red", "yellow", "green"), edges, edges[1:], strict=False):
+        for name, low, high in zip(CATEGORIES, edges, edges[1:], strict=False):
             axes.axvspan(
                 100 * low, 100 * high, color=hexed(CATEGORY[name]), alpha=0.16, linewidth=0
             )
             axes.text(50 * (low + high), 1.03, name, ha="center", fontsize=9, color=FAINT_HEX)
         kinds: list[str] = []
-        for k, shape in enumerate(SHAPES):
-            kind = shape.name.partition(",")[0]
+        for k, function in enumerate(SCORE_FUNCTIONS):
+            kind = function.name.partition(",")[0]
             kinds += [kind] if kind not in kinds else []
-            values = shape(clearance_m, np.full(len(clearance_m), np.inf))
+            values = function(clearance_m, np.full(len(clearance_m), np.inf))
             # Where a score jumps, the line breaks.
             gaps = np.flatnonzero(np.abs(np.diff(values)) > 0.2) + 1
             axes.plot(
                 np.insert(100 * clearance_m, gaps, np.nan), np.insert(values, gaps, np.nan),
                 color=COLORS[kinds.index(kind)], linewidth=3.0 if k == 0 else 1.6,
-                linestyle="-" if shape.green_m == GREEN_FROM_M else "--",
-                label=f"{shape.name} (thesis)" if k == 0 else shape.name, gid=f"score-{k}",
+                linestyle="-" if function.green_m == GREEN_FROM_M else "--",
+                label=f"{function.name} (thesis)" if k == 0 else function.name, gid=f"score-{k}",
                 zorder=3 if k == 0 else 2,
             )  # fmt: skip
         axes.set_xlim(0, 100 * edges[-1])
@@ -121,14 +129,25 @@ def score_functions() -> str:
 def curves(
     at: Sequence[float],
     series: Mapping[str, Sequence[Estimate]],
-    x_label: str,
-    y_label: str,
+    x_title: str,
+    y_title: str,
     log_x: bool = False,
 ) -> str:
-    """Curves with 95 % intervals; each series has an estimate for each of `at`, or a missing one.
+    """Curves with 95 % intervals.
+
+    Args:
+        at: places along x, N of them.
+        series: N estimates by name, missing ones among them.
+        x_title: of the axis.
+        y_title: of the axis.
+        log_x: x grows by factors.
+
+    Returns:
+        SVG.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
+        ValueError: a series of another length.
     """
     places = np.asarray(at, np.float64)
     steps = np.log(places) if log_x else places
@@ -155,8 +174,8 @@ def curves(
             axes.set_xscale("log")
         axes.set_xticks(places, [f"{x:g}" for x in at])
         axes.set_xticks([], minor=True)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
+        axes.set_xlabel(x_title)
+        axes.set_ylabel(y_title)
         axes.grid(axis="both")
         if len(series) > 1:
             columns = 6 if max(map(len, series)) <= 12 else 2 if len(series) == 4 else 3

@@ -20,7 +20,14 @@ DASHES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
 
 def hexed(color: RGB) -> str:
-    """A color as matplotlib takes it."""
+    """A color as matplotlib takes it.
+
+    Args:
+        color: red, green, blue, 0 to 255.
+
+    Returns:
+        `#rrggbb`.
+    """
     return "#{:02x}{:02x}{:02x}".format(*color)
 
 
@@ -59,7 +66,14 @@ _PLACE: Final = re.compile(r'(?<= )([xy])="(-?\d+\.\d+)"')
 
 @contextmanager
 def sheet(width_in: float, height_in: float) -> Iterator[Any]:
-    """A matplotlib figure of a size in inches; draw, and take `svg` of it, inside the block.
+    """A sheet to draw on, and to take `svg` of, inside the block.
+
+    Args:
+        width_in: inches.
+        height_in: inches.
+
+    Yields:
+        A matplotlib figure.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -80,7 +94,15 @@ def sheet(width_in: float, height_in: float) -> Iterator[Any]:
 
 
 def svg(figure: Any, dpi: int = 140) -> str:
-    """The figure as SVG text, without a date; dpi is that of what is drawn as pixels."""
+    """A figure as text, without a date.
+
+    Args:
+        figure: of matplotlib.
+        dpi: of what is drawn as pixels.
+
+    Returns:
+        SVG.
+    """
     held = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     figure.savefig(held, format="svg", dpi=dpi, metadata=nothing)
@@ -89,12 +111,27 @@ def svg(figure: Any, dpi: int = 140) -> str:
 
 
 def wrapped(name: str, width: int = 11) -> str:
-    """A name in lines of about so many letters, for below a column."""
+    """A name in short lines, for below a column.
+
+    Args:
+        name: any.
+        width: letters a line, about.
+
+    Returns:
+        The name with line breaks.
+    """
     return fill(name, width, break_long_words=False)
 
 
 def known(estimates: Sequence[Estimate]) -> list[tuple[int, float, float, float]]:
-    """(index, value, reach down, reach up) of the estimates that are there."""
+    """The estimates that are there.
+
+    Args:
+        estimates: missing ones among them.
+
+    Returns:
+        Index, value, and how far its interval reaches down and up, of each.
+    """
     found = []
     for k, e in enumerate(estimates):
         if e.value is not None:

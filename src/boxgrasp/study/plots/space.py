@@ -18,6 +18,12 @@ _MOST_LAYERS = 6
 def golden_spiral(count: int = 256) -> str:
     """Vogel's spiral on a unit disc (thesis algorithm 1, figure 2-6), growing in four steps.
 
+    Args:
+        count: of points.
+
+    Returns:
+        SVG.
+
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
@@ -41,10 +47,17 @@ def golden_spiral(count: int = 256) -> str:
 
 
 def samples_3d(points: Floats, portion: Floats | None = None) -> str:
-    """Samples (P, 3) seen aslant, from above, from the robot and from its right.
+    """Samples seen aslant, from above, from the robot and from its right.
 
-    Colored by layer where they lie on few spheres, else by height; with a portion (p, 3), that is
-    colored and the rest is faint.
+    Colored by layer where they lie on few spheres, else by height; a portion is colored and the
+    rest is faint.
+
+    Args:
+        points: (P, 3) map frame, m.
+        portion: (p, 3) of them, or None.
+
+    Returns:
+        SVG.
 
     Raises:
         MissingExtraError: matplotlib is not installed.

@@ -5,60 +5,41 @@ from __future__ import annotations
 import json
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.geometry import hand_distance
+from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import transform
-from boxgrasp.grasps.candidates import FACES, candidates_of
+from boxgrasp.grasps.candidates import FACES, LINES, candidates_of
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.scoring import RED_BELOW_M
+from boxgrasp.mapping.local_map import OCCUPIED, MappingConfig
+from boxgrasp.ranking.model_set import SAMPLINGS, VERSIONS
 from boxgrasp.ranking.sampling import RADIUS_M, RESOLUTION_M, sampling
-from boxgrasp.simulate.primitives import Box, Cylinder
-from boxgrasp.simulate.scenes import TableScene, build_scene
-from boxgrasp.study.evaluation import VERSIONS, Evaluation
+from boxgrasp.simulate.primitives import Box as SolidBox
+from boxgrasp.simulate.primitives import Cylinder
+from boxgrasp.simulate.scenes import build_scene
+from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, mean, share
 from boxgrasp.study.report import Row, Section, Table
 from boxgrasp.study.study import Study
 from boxgrasp.teaching.rows import box_of
+from boxgrasp.teaching.sets import Rows
 
-OCCUPIED = 2
-_SMALL = ("green_cube", "cigarettes")
+_REACHES_IN_M = 0.02  # into the half sphere, or an obstacle does not count
 
 
 def chapter5_section(study: Study) -> Section:
-    """Section 5-2's explanations, each with a count."""
+    """Section 5-2's explanations, each with a count.
+
+    Args:
+        study: whose test scenarios they are.
+
+    Returns:
+        The section.
+    """
     evaluation = study.evaluation("tested")
-    table = missed_table(evaluation)
-    wide = [evaluation.metrics(version).too_wide for version in VERSIONS]
-    cereal = np.char.startswith(evaluation.rows["target"], "cereal")
-    rows = [
-        *(
-            Row(
-                f"{version}: faces wider than the opening",
-                "often" if "spiral" in version else "never",
-                share(int(w.sum()), len(w)),
-            )
-            for version, w in zip(VERSIONS, wide, strict=True)
-        ),
-        *(
-            Row(
-                f"{version}: the same on cereal boxes",
-                None,
-                share(int(w[cereal].sum()), int(cereal.sum())),
-            )
-            for version, w in zip(VERSIONS, wide, strict=True)
-        ),
-        Row(
-            "candidates feasible in truth but occupied by 7 cm cells",
-            None,
-            lost_candidates(evaluation),
-        ),
-    ]
-    for version in ("single-grid", "cascade-grid"):
-        fallen, usual = fallbacks(study, evaluation, version)
-        rows += [
-            Row(f"{version}: unfeasible picks on the target's commonest face", None, fallen),
-            Row(f"{version}: feasible picks on the target's commonest face", None, usual),
-        ]
     return Section(
         key="chapter-5",
         title="Why spiral and grid differ",
@@ -66,92 +47,156 @@ def chapter5_section(study: Study) -> Section:
         words=(
             "An obstacle is missed by a sampling where it reaches into the half sphere but no "
             "sample that reads occupied lies within half a cell's diagonal of it; a few stand in "
-            "another's shadow. Candidates are lost to coarse cells where their hand is clear by 2 cm "
-            "in truth and fits, but meets an occupied cell that does not touch the target's box.",
+            "another's shadow. Candidates are lost to coarse cells where their hand is clear by "
+            "2 cm in truth and fits, but meets an occupied cell that does not touch the target's "
+            "box.",
             "A version falls back on bias where its pick is unfeasible and lies on the face "
             "that the operator took most often for that target in training (known targets).",
         ),
-        rows=tuple(rows),
-        tables=(table,),
+        rows=(*_too_wide_rows(evaluation), _lost_row(evaluation), *_bias_rows(study, evaluation)),
+        tables=(missed_table(evaluation),),
     )
+
+
+def _too_wide_rows(evaluation: Evaluation) -> list[Row]:
+    cereal = np.char.startswith(evaluation.rows["target"], "cereal")
+    wide = {version: evaluation.metrics(version).too_wide for version in VERSIONS}
+    every = [
+        Row(
+            f"{version}: faces wider than the opening",
+            "often" if "spiral" in version else "never",
+            share(int(w.sum()), len(w)),
+        )
+        for version, w in wide.items()
+    ]
+    boxes = [
+        Row(
+            f"{version}: the same on cereal boxes",
+            None,
+            share(int(w[cereal].sum()), int(cereal.sum())),
+        )
+        for version, w in wide.items()
+    ]
+    return every + boxes
+
+
+def _lost_row(evaluation: Evaluation) -> Row:
+    found = lost_candidates(evaluation)
+    return Row("candidates feasible in truth but occupied by 7 cm cells", None, found)
+
+
+def _bias_rows(study: Study, evaluation: Evaluation) -> list[Row]:
+    rows = []
+    for version in ("single-grid", "cascade-grid"):
+        fallen, usual = fallbacks(study, evaluation, version)
+        rows += [
+            Row(f"{version}: unfeasible picks on the target's commonest face", None, fallen),
+            Row(f"{version}: feasible picks on the target's commonest face", None, usual),
+        ]
+    return rows
 
 
 def missed_table(evaluation: Evaluation) -> Table:
-    """By obstacle: how many reach into the half sphere, and how many each sampling misses."""
-    counts: dict[str, np.ndarray] = {}
+    """By obstacle: how many reach into the half sphere, and how many each sampling misses.
+
+    Args:
+        evaluation: of a set.
+
+    Returns:
+        A line an obstacle's name, and one of all.
+    """
+    counts: dict[str, NDArray[np.int64]] = {}
     for k in range(evaluation.rows.count):
-        scene = build_scene(json.loads(str(evaluation.rows["scene"][k])))
-        box = box_of(evaluation.rows["given_box"][k], evaluation.rows["given_dimensions_m"][k])
-        T_base_map = box.T_base_map()
-        hits = {}
-        for name in ("spiral", "grid"):
-            occupied = evaluation.rows[f"given_{name}"][k] == OCCUPIED
-            hits[name] = transform(T_base_map, sampling(name)[occupied])
-        center = T_base_map[:3, 3]
-        for label in scene.obstacle_ids:
-            solids = _solids(scene, label)
-            if _away(solids, center[None])[0] > RADIUS_M - 0.02:
-                continue
-            met = [
-                bool((_away(solids, hits[n]) <= RESOLUTION_M[n] * np.sqrt(3) / 2).any())
-                for n in ("spiral", "grid")
-            ]
-            entry = counts.setdefault(scene.names[label], np.zeros(3, dtype=int))
-            entry += (1, not met[0], not met[1])
-    lines = [
-        (name, int(n[0]), share(int(n[1]), int(n[0])), share(int(n[2]), int(n[0])))
-        for name, n in sorted(counts.items())
-    ]
-    total = sum(counts.values(), np.zeros(3, dtype=int))
-    lines.append(
-        (
-            "all",
-            int(total[0]),
-            share(int(total[1]), int(total[0])),
-            share(int(total[2]), int(total[0])),
-        )
-    )
+        for name, missed in _missed(evaluation.rows, k):
+            entry = counts.setdefault(name, np.zeros(3, dtype=np.int64))
+            entry += (1, *missed)
+    lines = [_missed_line(name, counts[name]) for name in sorted(counts)]
+    total = sum(counts.values(), np.zeros(3, dtype=np.int64))
     return Table(
         "Obstacles that no sample hits",
         ("obstacle", "in the half sphere", "missed by spiral", "missed by grid"),
-        tuple(lines),
+        (*lines, _missed_line("all", total)),
     )
 
 
-def lost_candidates(evaluation: Evaluation) -> Estimate:
-    """Average share, a scene, of its feasible candidates whose hand meets an occupied 7 cm cell."""
-    rows, hand, size_m = evaluation.rows, Gripper(), RESOLUTION_M["grid"]
-    points = sampling("grid")
-    shares = []
-    for k in range(rows.count):
-        box = box_of(rows["given_box"][k], rows["given_dimensions_m"][k])
-        candidates = candidates_of(box, hand)
-        free = (rows["given_true_clearance_m"][k] >= 0.02) & rows["given_true_fits"][k]
-        cells = points[rows["given_grid"][k] == OCCUPIED]
-        # Cells that the target itself may fill speak of no obstacle.
-        reach = box.dimensions_m / 2 + size_m / 2
-        middle = np.array([0.0, 0.0, box.dimensions_m[2] / 2 - 0.05])
-        cells = cells[(np.abs(cells - middle) > reach).any(axis=1)]
-        if not free.any():
+def _missed(rows: Rows, k: int) -> list[tuple[str, list[bool]]]:
+    """The obstacles of row k that reach into the half sphere, and whether each sampling misses."""
+    scene = build_scene(json.loads(str(rows["scene"][k])))
+    T_base_map = _box(rows, k).T_base_map()
+    center = T_base_map[None, :3, 3]
+    hits = {
+        name: transform(T_base_map, sampling(name)[rows[f"given_{name}"][k] == OCCUPIED])
+        for name in SAMPLINGS
+    }
+    found = []
+    for number in scene.obstacle_ids:
+        solids = scene.solids_of((number,))
+        if _away(solids, center)[0] > RADIUS_M - _REACHES_IN_M:
             continue
-        hands = hand_distance.uprights(candidates.T_base_gripper, hand.half_m)
-        sizes = np.full(len(cells), size_m)
-        met = hand_distance.to_cells(hands, transform(box.T_base_map(), cells), sizes, box.yaw_rad)
-        shares.append(float((met[free] <= 0.0).mean()))
-    return mean(shares)
+        reach = {name: RESOLUTION_M[name] * np.sqrt(3) / 2 for name in SAMPLINGS}
+        missed = [not (_away(solids, hits[n]) <= reach[n]).any() for n in SAMPLINGS]
+        found.append((scene.names[number], missed))
+    return found
+
+
+def _missed_line(name: str, counts: NDArray[np.int64]) -> tuple[str, int, Estimate, Estimate]:
+    of, spiral, grid = counts.tolist()
+    return name, of, share(spiral, of), share(grid, of)
+
+
+def lost_candidates(evaluation: Evaluation) -> Estimate:
+    """How many feasible candidates coarse cells hide.
+
+    Args:
+        evaluation: of a set.
+
+    Returns:
+        Average share, a scene, of its feasible candidates whose hand meets an occupied 7 cm cell.
+    """
+    shares = [_lost_share(evaluation.rows, k) for k in range(evaluation.rows.count)]
+    return mean([found for found in shares if found is not None])
+
+
+def _lost_share(rows: Rows, k: int) -> float | None:
+    """Of the feasible candidates of row k, those that coarse cells hide; None without any."""
+    free = (rows["given_true_clearance_m"][k] >= RED_BELOW_M) & rows["given_true_fits"][k]
+    if not free.any():
+        return None
+    hand, size_m, box = Gripper(), RESOLUTION_M["grid"], _box(rows, k)
+    cells = sampling("grid")[rows["given_grid"][k] == OCCUPIED]
+    # Cells that the target itself may fill speak of no obstacle.
+    reach = box.dimensions_m / 2 + size_m / 2
+    over_m = MappingConfig.center_above_support_m
+    middle = np.array([0.0, 0.0, box.dimensions_m[2] / 2 - over_m])
+    cells = cells[(np.abs(cells - middle) > reach).any(axis=1)]
+    T = candidates_of(box, hand, len(free) // len(FACES)).T_base_gripper
+    hands = hand_distance.uprights(T, hand.half_m)
+    centers = transform(box.T_base_map(), cells)
+    edges = np.full(len(cells), size_m)
+    met, _ = hand_distance.to_cells(hands, centers, edges, box.yaw_rad)
+    return float((met[free] <= 0.0).mean())
 
 
 def fallbacks(study: Study, evaluation: Evaluation, version: str) -> tuple[Estimate, Estimate]:
-    """Share of picks on the target's commonest training face, unfeasible ones and feasible ones."""
+    """How often picks lie on the target's commonest training face (known targets).
+
+    Args:
+        study: whose labels count.
+        evaluation: of a set.
+        version: of the thesis.
+
+    Returns:
+        Shares of the unfeasible picks, and of the feasible ones.
+    """
     labels = study.rows("labels")
-    face = (labels["label"] - 1) // 3
+    face = (labels["label"] - 1) // LINES
     common = {
         str(name): int(np.bincount(face[labels["target"] == name], minlength=len(FACES)).argmax())
         for name in np.unique(labels["target"])
     }
     known = evaluation.known
     usual = np.array([common.get(str(name), -1) for name in evaluation.rows["target"]])
-    on_usual = evaluation.picks(version) // 3 == usual
+    on_usual = evaluation.picks(version) // LINES == usual
     clear = evaluation.metrics(version).unobstructed
     bad, good = known & ~clear, known & clear
     return (
@@ -160,11 +205,11 @@ def fallbacks(study: Study, evaluation: Evaluation, version: str) -> tuple[Estim
     )
 
 
-def _solids(scene: TableScene, label: int) -> tuple[Box | Cylinder, ...]:
-    return tuple(solid for solid in scene.obstacles if solid.label == label)
+def _box(rows: Rows, k: int) -> Box:
+    return box_of(rows["given_box"][k], rows["given_dimensions_m"][k])
 
 
-def _away(solids: tuple[Box | Cylinder, ...], points: Array) -> Floats:
+def _away(solids: tuple[SolidBox | Cylinder, ...], points: Array) -> Floats:
     """(N,) m, distance of points from the nearest of some solids, 0 inside."""
     away = np.full(len(points), np.inf)
     for solid in solids:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from boxgrasp.arrays import Array, Floats
+from boxgrasp.grasps.scoring import RED_BELOW_M
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import difference, mean, share
 from boxgrasp.study.plots import category_shares
@@ -17,53 +19,32 @@ TABLE_4_2 = {SINGLE: (0.15, 0.27, 0.17), CASCADE: (0.48, 0.32, 0.45)}
 REAL = {SINGLE: 0.42, CASCADE: 0.87}
 POOLED = {SINGLE: 0.27, CASCADE: 0.61}
 
+Counts = tuple[int, int, int]
+
 
 def need_section(study: Study) -> Section:
-    """Table 4-2 on scenes found by search, and our stricter set."""
-    evaluation, strict = study.evaluation("need"), study.evaluation("central")
-    rows = []
-    for name, theirs in TABLE_4_2.items():
-        score = evaluation.metrics(name).score
-        rows += [
-            Row(f"score, {name}, {group}", value, mean(score[group_of(evaluation, group)]))
-            for group, value in zip(GROUPS, theirs, strict=True)
-        ]
-    red = ~evaluation.metrics(CASCADE).unobstructed
+    """Table 4-2 on scenes found by search, and our stricter set.
+
+    Args:
+        study: whose scenes they are.
+
+    Returns:
+        The section.
+    """
+    evaluation = study.evaluation("need")
     count = evaluation.rows.count
-    rows += [
-        Row(
-            f"score, {CASCADE} less {SINGLE}",
-            0.28,
-            difference(evaluation.metrics(CASCADE).score, evaluation.metrics(SINGLE).score),
-        ),
-        Row(f"unfeasible picks of {CASCADE}", 0.0, share(int(red.sum()), count)),
-        Row("score, clearance, checked", None, mean(_answered(evaluation, "clearance"))),
-        Row(f"score, {CASCADE}, checked", None, mean(_answered(evaluation, CASCADE))),
-    ]
-    for name in (SINGLE, CASCADE, "operator"):
-        rows.append(
-            Row(f"score, {name}, no central line feasible", None, mean(strict.metrics(name).score))
-        )
-    rows.append(
-        Row(
-            "score, clearance, checked, no central line feasible",
-            None,
-            mean(_answered(strict, "clearance")),
-        )
-    )
-    rate = share(*_rate(study))
-    rows.append(Row("scenes with the need among the test scenarios", 16 / 120, rate))
+    rate = Row("scenes with the need among the test scenarios", 16 / 120, share(*_rate(study)))
     return Section(
         key="need",
         title="Scenes that need a line off the center",
         place="section 4-2; figures 4-5 and 4-6, table 4-2",
         words=(
-            "By the thesis's words: one face alone has feasible candidates (to exact surfaces, with a "
-            "target that fits), and the best of them is not on its central line. "
+            "By the thesis's words: one face alone has feasible candidates (to exact surfaces, "
+            "with a target that fits), and the best of them is not on its central line. "
             f"{count} scenes were found by search among scenes with four obstacles; the thesis met "
             "16. Apart from it a stricter set: candidates are valid, but none on a central line.",
         ),
-        rows=tuple(rows),
+        rows=(*_table_4_2_rows(evaluation), *_strict_rows(study.evaluation("central")), rate),
         pictures=(
             Picture(
                 "figure-4-6",
@@ -75,23 +56,43 @@ def need_section(study: Study) -> Section:
     )
 
 
+def _table_4_2_rows(evaluation: Evaluation) -> list[Row]:
+    scores = {name: evaluation.metrics(name).score for name in TABLE_4_2}
+    rows = [
+        Row(f"score, {name}, {group}", value, mean(score[group_of(evaluation, group)]))
+        for name, score in scores.items()
+        for group, value in zip(GROUPS, TABLE_4_2[name], strict=True)
+    ]
+    red = ~evaluation.metrics(CASCADE).unobstructed
+    return [
+        *rows,
+        Row(f"score, {CASCADE} less {SINGLE}", 0.28, difference(scores[CASCADE], scores[SINGLE])),
+        Row(f"unfeasible picks of {CASCADE}", 0.0, share(int(red.sum()), evaluation.rows.count)),
+        Row("score, clearance, checked", None, mean(_checked_scores(evaluation, "clearance"))),
+        Row(f"score, {CASCADE}, checked", None, mean(_checked_scores(evaluation, CASCADE))),
+    ]
+
+
+def _strict_rows(evaluation: Evaluation) -> list[Row]:
+    tail = "no central line feasible"
+    rows = [
+        Row(f"score, {name}, {tail}", None, mean(evaluation.metrics(name).score))
+        for name in (SINGLE, CASCADE, "operator")
+    ]
+    checked = mean(_checked_scores(evaluation, "clearance"))
+    return [*rows, Row(f"score, clearance, checked, {tail}", None, checked)]
+
+
 def pooled_section(study: Study) -> Section:
-    """Table 4-3: simulation and the stand-in for the real world together."""
+    """Table 4-3: simulation and the stand-in for the real world together.
+
+    Args:
+        study: whose scenes they are.
+
+    Returns:
+        The section.
+    """
     evaluation, real = study.evaluation("need"), study.evaluation("ad-hoc")
-    rows = []
-    for name in (SINGLE, CASCADE):
-        simulated, ours = evaluation.metrics(name).score, real.metrics(name).score
-        rows += [
-            Row(f"score, {name}, simulation", TABLE_4_2[name][2], mean(simulated)),
-            Row(f"score, {name}, stand-in for real", REAL[name], mean(_by_scene(real, ours))),
-            Row(
-                f"score, {name}, pooled",
-                POOLED[name],
-                mean(np.concatenate((simulated, _by_scene(real, ours)))),
-            ),
-        ]
-    once = real.rows["run"] == 0
-    counts = tuple(_add(evaluation.categories(n), real.categories(n, once)) for n in TABLE_4_2)
     return Section(
         key="pooled",
         title="Out-of-bias need, pooled",
@@ -101,51 +102,73 @@ def pooled_section(study: Study) -> Section:
             "real ones here are a stand-in: simulated scenes of the five real objects with strong "
             "sensor noise, each seen ten times; a scene counts once, by its average.",
         ),
-        rows=tuple(rows),
-        pictures=(
-            Picture(
-                "figure-4-8",
-                "Categories in the ad hoc scenes, all runs (figure 4-8).",
-                svg=category_shares((SINGLE, CASCADE), _both(real)),
-                alt="Shares of red, yellow and green picks, ad hoc scenes",
-            ),
-            Picture(
-                "figure-4-9",
-                "Categories, pooled; of each ad hoc scene the first run (figure 4-9).",
-                svg=category_shares((SINGLE, CASCADE), counts),
-                alt="Shares of red, yellow and green picks, pooled",
-            ),
+        rows=tuple(row for name in TABLE_4_2 for row in _pooled_rows(evaluation, real, name)),
+        pictures=_pooled_pictures(evaluation, real),
+    )
+
+
+def _pooled_rows(evaluation: Evaluation, real: Evaluation, name: str) -> list[Row]:
+    simulated = evaluation.metrics(name).score
+    by_scene = _by_scene(real, real.metrics(name).score)
+    pooled = np.concatenate((simulated, by_scene))
+    return [
+        Row(f"score, {name}, simulation", TABLE_4_2[name][2], mean(simulated)),
+        Row(f"score, {name}, stand-in for real", REAL[name], mean(by_scene)),
+        Row(f"score, {name}, pooled", POOLED[name], mean(pooled)),
+    ]
+
+
+def _pooled_pictures(evaluation: Evaluation, real: Evaluation) -> tuple[Picture, Picture]:
+    once = real.rows["run"] == 0
+    counts = tuple(
+        _add(evaluation.category_counts(name), real.category_counts(name, once))
+        for name in TABLE_4_2
+    )
+    return (
+        Picture(
+            "figure-4-8",
+            "Categories in the ad hoc scenes, all runs (figure 4-8).",
+            svg=category_shares((SINGLE, CASCADE), _both(real)),
+            alt="Shares of red, yellow and green picks, ad hoc scenes",
+        ),
+        Picture(
+            "figure-4-9",
+            "Categories, pooled; of each ad hoc scene the first run (figure 4-9).",
+            svg=category_shares((SINGLE, CASCADE), counts),
+            alt="Shares of red, yellow and green picks, pooled",
         ),
     )
 
 
-def _answered(evaluation: Evaluation, name: str) -> np.ndarray:
-    metrics = evaluation.metrics(name, check=True)
+def _checked_scores(evaluation: Evaluation, name: str) -> Floats:
+    """Scores of the checked picks, of the rows that have one."""
+    metrics = evaluation.metrics(name, checked=True)
     return metrics.score[metrics.answered]
 
 
-def _by_scene(evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
+def _by_scene(evaluation: Evaluation, values: Array) -> Floats:
     """Averages of each scenario's runs."""
     numbers = evaluation.rows["number"]
     return np.array([values[numbers == number].mean() for number in np.unique(numbers)])
 
 
-def _both(evaluation: Evaluation) -> tuple[tuple[int, int, int], ...]:
+def _both(evaluation: Evaluation) -> tuple[Counts, Counts]:
     """Categories of single and cascade grid."""
-    return evaluation.categories(SINGLE), evaluation.categories(CASCADE)
+    return evaluation.category_counts(SINGLE), evaluation.category_counts(CASCADE)
 
 
-def _add(a: tuple[int, int, int], b: tuple[int, int, int]) -> tuple[int, int, int]:
+def _add(a: Counts, b: Counts) -> Counts:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def _rate(study: Study) -> tuple[int, int]:
-    """How many of the test scenarios have the need."""
+    """How many of the test scenarios have the need, and of how many."""
     rows = study.rows("tested")
-    room = np.where(rows["true_fits"], rows["true_clearance_m"], -1.0).reshape(rows.count, 5, -1)
-    feasible = room >= 0.02
+    fitting = np.where(rows["true_fits"], rows["true_clearance_m"], -1.0)
+    clearance_m = fitting.reshape(rows.count, 5, -1)
+    feasible = clearance_m >= RED_BELOW_M
     face = feasible.any(axis=2).argmax(axis=1)
-    best = room[np.arange(rows.count), face].argmax(axis=1)
-    middle = (room.shape[2] - 1) // 2
+    best = clearance_m[np.arange(rows.count), face].argmax(axis=1)
+    middle = (clearance_m.shape[2] - 1) // 2
     need = (feasible.any(axis=2).sum(axis=1) == 1) & (best != middle)
     return int(need.sum()), rows.count

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from boxgrasp.study.curves import Kind, fit
-from boxgrasp.study.evaluation import Evaluation, ModelSet
+from boxgrasp.ranking.model_set import SAMPLINGS, SVMS, ModelSet, Part
+from boxgrasp.study.curves import Kind, Variant, fit
+from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, mean, share
 from boxgrasp.study.report import Row, Section
 from boxgrasp.study.study import Study
 from boxgrasp.teaching.sets import Rows
-from boxgrasp.teaching.train import SAMPLINGS, SVMS, Part
 
 KINDS: tuple[Kind, ...] = ("single", "cascade")
 
 
 def readings_section(study: Study) -> Section:
-    """The four versions with dimensions over each box's own longest edge."""
+    """The four versions with dimensions over each box's own longest edge.
+
+    Args:
+        study: whose labels and test scenarios they are.
+
+    Returns:
+        The section.
+    """
     evaluation, labels = study.evaluation("tested"), study.rows("labels")
     rows = []
     for sampling in SAMPLINGS:
         for kind in KINDS:
-            version = f"{kind}-{sampling}"
-            other = fit(labels, kind, sampling, held(study, sampling), own_edge=True)
-            ours = mean(evaluation.metrics(version).score)
+            variant = Variant(kind, sampling, own_edge=True)
+            other = fit(labels, variant, held(study, sampling))
+            ours = mean(evaluation.metrics(variant.version).score)
             score, agree = judged(evaluation.rows, other)
+            same = f"same candidate as the operator, {variant.version}, each box's own"
             rows += [
-                Row(f"score, {version}, the set's longest edge", None, ours),
-                Row(f"score, {version}, each box's own", None, score),
-                Row(f"same candidate as the operator, {version}, each box's own", None, agree),
+                Row(f"score, {variant.version}, the set's longest edge", None, ours),
+                Row(f"score, {variant.version}, each box's own", None, score),
+                Row(same, None, agree),
             ]
     return Section(
         key="readings",
@@ -42,14 +50,30 @@ def readings_section(study: Study) -> Section:
 
 
 def held(study: Study, sampling: str) -> dict[Part, tuple[float, float]]:
-    """C and gamma of the trained SVMs of a sampling, by part."""
+    """C and gamma of the trained SVMs of a sampling.
+
+    Args:
+        study: whose they are.
+        sampling: `spiral` or `grid`.
+
+    Returns:
+        C and gamma by part.
+    """
     own = [svm for svm in SVMS if svm.sampling == sampling]
     records = {svm.part: study.trained[svm.name]["record"] for svm in own}
     return {part: (record["C"], record["gamma"]) for part, record in records.items()}
 
 
 def judged(rows: Rows, model_set: ModelSet) -> tuple[Estimate, Estimate]:
-    """Score and agreement with the operator of a model_set's bare picks."""
+    """What a model set's bare picks come to.
+
+    Args:
+        rows: of a set.
+        model_set: any.
+
+    Returns:
+        Score, and agreement with the operator.
+    """
     evaluation = Evaluation(rows, {"own": model_set})
     same = evaluation.picks("own") == rows["label"] - 1
     return mean(evaluation.metrics("own").score), share(int(same.sum()), len(same))

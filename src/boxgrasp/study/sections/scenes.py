@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from typing import Any
 
 import numpy as np
 
@@ -15,33 +17,25 @@ from boxgrasp.study.study import Study
 from boxgrasp.teaching.rows import RowConfig, scenario_of_row
 
 _PART = 8
+_SAME_DEPTH_M = 1e-3
+_TILE_PX = (240, 180)
 
 
 def scenes_section(study: Study) -> Section:
-    """What stands is stable, and a second ray caster sees the same depth."""
-    config = study.sets()["tested"].rows
-    first = study.scale.first
-    tasks = {
-        f"physics/{k // _PART:05d}.json": (config, range(k, min(k + _PART, first)))
-        for k in range(0, first, _PART)
-    }
-    rows, words = [], []
-    try:
-        finish(study.store, tasks, physics_part, study.workers, "physics")
-        found = [item for name in tasks for item in json.loads(study.store.read(name))]
-        stable = sum(item["stable"] for item in found)
-        off = sum(item["off"] for item in found)
-        pixels = sum(item["pixels"] for item in found)
-        rows = [
-            Row("scenes that stand still for a second", None, share(stable, len(found))),
-            Row("farthest that anything moved, mm", None, _mm(found, "moved_m")),
-            Row("pixels that differ by more than 1 mm", None, f"{off} of {pixels}"),
-            Row("largest difference of the others, mm", None, _mm(found, "depth_m")),
-        ]
-    except MissingExtraError as error:
-        words = [f"Not checked in MuJoCo: {error}."]
+    """What stands is stable, and a second ray caster sees the same depth.
+
+    Args:
+        study: whose test scenes they are.
+
+    Returns:
+        The section.
+
+    Raises:
+        StoreError: the study's place cannot be read or written.
+    """
+    rows, words = _physics_rows(study)
     counts = np.array([len(json.loads(str(s))["obstacles"]) for s in study.rows("tested")["scene"]])
-    rows.append(Row("obstacles a scene, average", "at most 4", round(float(counts.mean()), 2)))
+    average = round(float(counts.mean()), 2)
     return Section(
         key="scenes",
         title="The simulated scenes",
@@ -52,58 +46,87 @@ def scenes_section(study: Study) -> Section:
             "dimensions; those of mug, lamps and bar, the camera's pose and that 0 to 4 obstacles "
             "are equally likely are ours. Scenes without a feasible grasp are drawn again, as the "
             "thesis assumes one. Depth has the noise of an Xtion.",
-            f"The first {first} test scenes were checked in MuJoCo: what stands must stay, and its "
-            "rays must meet what the ray caster's meet.",
+            f"The first {study.scale.first} test scenes were checked in MuJoCo: what stands must "
+            "stay, and its rays must meet what the ray caster's meet.",
             *words,
         ),
-        rows=tuple(rows),
-        pictures=_pictures(study),
+        rows=(*rows, Row("obstacles a scene, average", "at most 4", average)),
+        pictures=(_picture(study),),
     )
 
 
+def _physics_rows(study: Study) -> tuple[list[Row], tuple[str, ...]]:
+    """What MuJoCo says of the first scenes; or why it says nothing."""
+    config, first = study.sets()["tested"].rows, study.scale.first
+    tasks = {
+        f"physics/{k // _PART:05d}.json": (config, range(k, min(k + _PART, first)))
+        for k in range(0, first, _PART)
+    }
+    try:
+        finish(study.store, tasks, physics_part, study.workers, "physics")
+    except MissingExtraError as error:
+        return [], (f"Not checked in MuJoCo: {error}.",)
+    found = [item for name in tasks for item in json.loads(study.store.read(name))]
+    stable = sum(item["stable"] for item in found)
+    off, pixels = (sum(item[name] for item in found) for name in ("off", "pixels"))
+    return [
+        Row("scenes that stand still for a second", None, share(stable, len(found))),
+        Row("farthest that anything moved, mm", None, _most_mm(found, "moved_m")),
+        Row("pixels that differ by more than 1 mm", None, f"{off} of {pixels}"),
+        Row("largest difference of the others, mm", None, _most_mm(found, "depth_m")),
+    ], ()
+
+
 def physics_part(task: tuple[RowConfig, range]) -> bytes:
-    """MuJoCo's word on some scenes, as JSON."""
+    """MuJoCo's word on some scenes; a task of its own.
+
+    Args:
+        task: how rows are made, and the scenes' numbers.
+
+    Returns:
+        JSON.
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+    """
     config, numbers = task
-    found = []
-    for number in numbers:
-        scene = scenario_of_row(config, number).scene
-        settled = settles(scene)
-        depth, other = scene.view().depth, mujoco_depth(scene)
-        differs = np.abs(depth - other)
-        found.append(
-            {
-                "stable": settled.stable,
-                "moved_m": settled.moved_m,
-                "pixels": int(depth.size),
-                "off": int((differs > 1e-3).sum()),
-                "depth_m": float(differs[differs <= 1e-3].max(initial=0.0)),
-            }
-        )
-    return json.dumps(found).encode()
+    return json.dumps([_physics_of(config, number) for number in numbers]).encode()
 
 
-def _mm(found: list[dict[str, float]], name: str) -> float:
-    return round(1000 * max(item[name] for item in found), 3)
+def _physics_of(config: RowConfig, number: int) -> dict[str, Any]:
+    scene = scenario_of_row(config, number).scene
+    settled = settles(scene)
+    depth, other = scene.view().depth, mujoco_depth(scene)
+    differs = np.abs(depth - other)
+    return {
+        "stable": settled.stable,
+        "moved_m": settled.moved_m,
+        "pixels": int(depth.size),
+        "off": int((differs > _SAME_DEPTH_M).sum()),
+        "depth_m": float(differs[differs <= _SAME_DEPTH_M].max(initial=0.0)),
+    }
 
 
-def _pictures(study: Study) -> tuple[Picture, ...]:
+def _most_mm(found: list[dict[str, Any]], name: str) -> float:
+    return round(1000 * max(float(item[name]) for item in found), 3)
+
+
+def _picture(study: Study) -> Picture:
     """Some scenes as the camera sees them, eight in a picture."""
-    import io
-
     from PIL import Image
 
     config = study.sets()["tested"].rows
-    sheet = Image.new("RGB", (4 * 240, 2 * 180))
+    width, height = _TILE_PX
+    sheet = Image.new("RGB", (4 * width, 2 * height))
     for k in range(min(8, study.rows("tested").count)):
         view = scenario_of_row(config, k).scene.view(shading=0.4)
-        sheet.paste(Image.fromarray(view.rgb).resize((240, 180)), (240 * (k % 4), 180 * (k // 4)))
+        tile = Image.fromarray(view.rgb).resize(_TILE_PX)
+        sheet.paste(tile, (width * (k % 4), height * (k // 4)))
     out = io.BytesIO()
     sheet.save(out, format="PNG", optimize=True)
-    return (
-        Picture(
-            "scenes",
-            "The first eight test scenes, one a target, as the camera sees them.",
-            png=out.getvalue(),
-            alt="Eight cluttered tables",
-        ),
+    return Picture(
+        "scenes",
+        "The first eight test scenes, one a target, as the camera sees them.",
+        png=out.getvalue(),
+        alt="Eight cluttered tables",
     )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
+from boxgrasp.ranking.model_set import SVMS, Svm
 from boxgrasp.study.plots import heat_map
-from boxgrasp.study.report import Picture, Row, Section, Table
+from boxgrasp.study.report import Cell, Picture, Row, Section, Table
 from boxgrasp.study.study import Study
-from boxgrasp.teaching.train import SVMS
 
 # C, gamma, support vectors and training examples of appendix B-1, by the figure's numbers.
 B1 = {
@@ -20,41 +23,26 @@ B1 = {
     7: (50.2134, 0.0156, 229, 392),
     8: (3.6050, 0.0490, 266, 392),
 }
+COLUMNS = (
+    "SVM", "features x classes seen", "C (thesis)", "C", "gamma (thesis)", "gamma",
+    "vectors (thesis)", "vectors", "examples (thesis)", "examples",
+    "accuracy", "accuracy, one against the rest",
+)  # fmt: skip
+Kept = Mapping[str, Any]
 
 
 def training_section(study: Study) -> Section:
-    """Parameters, support vectors and accuracies, theirs and ours, and the heat maps."""
-    lines, pictures, rows = [], [], []
-    for svm in SVMS:
-        kept = study.trained[svm.name]
-        record, found = kept["record"], kept["search"]
-        C, gamma, vectors, count = B1[svm.number]
-        lines.append(
-            (
-                f"{svm.number}. {svm.name}",
-                f"{len(record['features'])} x {len(record['classes'])}",
-                C, round(record["C"], 4), gamma, round(record["gamma"], 4),
-                vectors, record["support_vectors"], count, record["training_examples"],
-                round(record["accuracy"], 3), round(kept["one_vs_rest"], 3),
-            )
-        )  # fmt: skip
-        pictures.append(
-            Picture(
-                f"figure-3-12-{svm.name}",
-                f"Accuracy over C and gamma, {svm.name} (figure 3-12 shows single-grid).",
-                svg=heat_map(found, svm.name),
-                alt=f"Heat map of accuracies of {svm.name}",
-            )
-        )
-        rows.append(
-            Row(
-                f"{svm.name}: share of examples that are support vectors",
-                round(vectors / count, 3),
-                round(record["support_vectors"] / record["training_examples"], 3),
-            )
-        )
-    accuracies = [study.trained[svm.name]["record"]["accuracy"] for svm in SVMS]
-    others = [study.trained[svm.name]["one_vs_rest"] for svm in SVMS]
+    """Parameters, support vectors and accuracies, theirs and ours, and the heat maps.
+
+    Args:
+        study: whose SVMs they are.
+
+    Returns:
+        The section.
+    """
+    kept = {svm: study.trained[svm.name] for svm in SVMS}
+    accuracies = [item["record"]["accuracy"] for item in kept.values()]
+    others = [item["one_vs_rest"] for item in kept.values()]
     return Section(
         key="training",
         title="The eight SVMs",
@@ -68,17 +56,44 @@ def training_section(study: Study) -> Section:
             f"the same parameters: {np.mean(others):.3f} against {np.mean(accuracies):.3f} on "
             "average over the eight.",
         ),
-        rows=tuple(rows),
+        rows=tuple(_row(svm, item) for svm, item in kept.items()),
         tables=(
             Table(
                 "Table B-1, theirs and ours",
-                (
-                    "SVM", "features x classes seen", "C (thesis)", "C", "gamma (thesis)", "gamma",
-                    "vectors (thesis)", "vectors", "examples (thesis)", "examples",
-                    "accuracy", "accuracy, one against the rest",
-                ),
-                tuple(lines),
+                COLUMNS,
+                tuple(_line(svm, item) for svm, item in kept.items()),
             ),
         ),
-        pictures=tuple(pictures),
+        pictures=tuple(_picture(svm, item) for svm, item in kept.items()),
+    )
+
+
+def _row(svm: Svm, kept: Kept) -> Row:
+    _, _, vectors, count = B1[svm.number]
+    record = kept["record"]
+    return Row(
+        f"{svm.name}: share of examples that are support vectors",
+        round(vectors / count, 3),
+        round(record["support_vectors"] / record["training_examples"], 3),
+    )
+
+
+def _line(svm: Svm, kept: Kept) -> tuple[Cell, ...]:
+    C, gamma, vectors, count = B1[svm.number]
+    record = kept["record"]
+    return (
+        f"{svm.number}. {svm.name}",
+        f"{len(record['features'])} x {len(record['classes'])}",
+        C, round(record["C"], 4), gamma, round(record["gamma"], 4),
+        vectors, record["support_vectors"], count, record["training_examples"],
+        round(record["accuracy"], 3), round(kept["one_vs_rest"], 3),
     )  # fmt: skip
+
+
+def _picture(svm: Svm, kept: Kept) -> Picture:
+    return Picture(
+        f"figure-3-12-{svm.name}",
+        f"Accuracy over C and gamma, {svm.name} (figure 3-12 shows single-grid).",
+        svg=heat_map(kept["search"], svm.name),
+        alt=f"Heat map of accuracies of {svm.name}",
+    )
