@@ -159,7 +159,7 @@ def _item_kinds(kind: Any) -> Iterator[Any]:
 def _explain(kind: Any, data: Any, message: str) -> str:
     """msgspec's message as: place, what was found, what is valid."""
     text, _, path = message.partition(" - at `$")
-    if "[...]" in path:  # a value of a map, whose key the message does not tell
+    if "[...]." in path:  # within a value of a map, whose key the message does not tell
         return f"{path.strip('`').lstrip('.')}: {text[:1].lower()}{text[1:]}"
     place: list[str | int] = []
     for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", path):
