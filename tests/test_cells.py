@@ -23,13 +23,13 @@ def components(points: np.ndarray, radius_m: float) -> np.ndarray:
     pairs = cKDTree(points.astype(np.float64)).query_pairs(radius_m, output_type="ndarray")
     n = len(points)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    labels = connected_components(graph, directed=False)[1]
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    clusters = connected_components(graph, directed=False)[1]
+    _, first, inverse = np.unique(clusters, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse]
 
 
 def same_parts(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two labelings part the points in the same way."""
+    """Whether two sets of cluster ids part the points in the same way."""
     pairs = np.unique(np.column_stack((a, b)), axis=0)
     return len(pairs) == len(np.unique(a)) == len(np.unique(b))
 

@@ -37,41 +37,41 @@ def plain(**changes: object) -> Capture:
     return Capture(depth, capture.intrinsics, capture.T_base_camera, rgb, **parts)  # type: ignore[arg-type]
 
 
-def true_label(points: np.ndarray) -> int:
+def true_object(points: np.ndarray) -> int:
     """The object whose true middle is nearest to the points' middle, in plan."""
     middle = (points[:, :2].max(axis=0) + points[:, :2].min(axis=0)) / 2
     places = {CUBE: (0.85, 0.0), TUBE: (0.95, 0.22), CAN: (0.75, -0.2)}
-    away = {label: float(np.hypot(*(middle - place))) for label, place in places.items()}
-    label = min(away, key=lambda k: away[k])
-    assert away[label] < 0.05
-    return label
+    away = {number: float(np.hypot(*(middle - place))) for number, place in places.items()}
+    nearest = min(away, key=lambda k: away[k])
+    assert away[nearest] < 0.05
+    return nearest
 
 
 def chosen(target: Target | None, capture: Capture | None = None) -> int:
     scene = view()[1] if capture is None else find_scene(capture, (), SceneConfig())
     own = find_target(scene, capture or view()[0], target).target_mask
     assert own.dtype == bool and own.shape == (len(scene.points),) and own.any()
-    return true_label(scene.points[own])
+    return true_object(scene.points[own])
 
 
-def middle_pixel(label: int) -> tuple[int, int]:
-    v, u = np.nonzero(OBJECT_IDS == label)
+def middle_pixel(wanted: int) -> tuple[int, int]:
+    v, u = np.nonzero(OBJECT_IDS == wanted)
     return int(np.median(u)), int(np.median(v))
 
 
-@pytest.mark.parametrize("label", [CUBE, TUBE, CAN])
-def test_by_pixel_point_mask_and_number(label: int) -> None:
+@pytest.mark.parametrize("wanted", [CUBE, TUBE, CAN])
+def test_by_pixel_point_mask_and_number(wanted: int) -> None:
     capture, scene = view()
-    assert chosen(Target(pixel=middle_pixel(label))) == label
-    assert chosen(Target(mask=label == OBJECT_IDS)) == label
-    assert chosen(Target(mask=(label == OBJECT_IDS).astype(np.uint8) * 255)) == label
-    middle = LAID.primitives[label].T_base_solid[:3, 3]  # type: ignore[union-attr]
+    assert chosen(Target(pixel=middle_pixel(wanted))) == wanted
+    assert chosen(Target(mask=wanted == OBJECT_IDS)) == wanted
+    assert chosen(Target(mask=(wanted == OBJECT_IDS).astype(np.uint8) * 255)) == wanted
+    middle = LAID.primitives[wanted].T_base_solid[:3, 3]  # type: ignore[union-attr]
     eye = LAID.T_base_camera[:3, 3]
-    own = scene.points[find_target(scene, capture, Target(mask=label == OBJECT_IDS)).target_mask]
+    own = scene.points[find_target(scene, capture, Target(mask=wanted == OBJECT_IDS)).target_mask]
     nearest = own[np.argmin(np.linalg.norm(np.cross(own - eye, middle - eye), axis=1))]
-    assert chosen(Target(point=tuple(nearest.tolist()))) == label
-    assert chosen(Target(point=tuple((nearest + (0, 0, 0.02)).tolist()))) == label
-    numbers = [k for k in (1, 2, 3) if chosen(Target(object=k)) == label]
+    assert chosen(Target(point=tuple(nearest.tolist()))) == wanted
+    assert chosen(Target(point=tuple((nearest + (0, 0, 0.02)).tolist()))) == wanted
+    numbers = [k for k in (1, 2, 3) if chosen(Target(object=k)) == wanted]
     assert len(numbers) == 1
 
 
@@ -79,14 +79,14 @@ def test_every_pixel_of_an_object_means_it() -> None:
     capture, scene = view()
     assert capture.depth is not None
     rng = np.random.default_rng(0)
-    for label in (CUBE, TUBE, CAN):
-        base = OBJECT_IDS == label
+    for wanted in (CUBE, TUBE, CAN):
+        base = OBJECT_IDS == wanted
         v, u = np.nonzero(base)
         # The lowest rows of an object vanish in the table's noise.
         low = v > v.min() + 0.8 * np.ptp(v)
         for k in rng.choice(np.flatnonzero(~low), 30, replace=False):
             own = find_target(scene, capture, Target(pixel=(int(u[k]), int(v[k])))).target_mask
-            assert true_label(scene.points[own]) == label
+            assert true_object(scene.points[own]) == wanted
 
 
 def test_the_captures_own_target() -> None:
@@ -100,12 +100,12 @@ def test_the_captures_own_target() -> None:
     assert chosen(Target(object=1), both) == chosen(Target(object=1))
 
 
-@pytest.mark.parametrize("label", [CUBE, TUBE, CAN])
-def test_a_pixel_without_depth_takes_the_nearest_with_it(label: int) -> None:
-    u, v = middle_pixel(label)
+@pytest.mark.parametrize("wanted", [CUBE, TUBE, CAN])
+def test_a_pixel_without_depth_takes_the_nearest_with_it(wanted: int) -> None:
+    u, v = middle_pixel(wanted)
     depth = np.array(view()[0].depth)
     depth[v - 3 : v + 4, u - 3 : u + 4] = 0
-    assert chosen(Target(pixel=(u, v)), plain(depth=depth)) == label
+    assert chosen(Target(pixel=(u, v)), plain(depth=depth)) == wanted
     depth[v - 8 : v + 9, u - 8 : u + 9] = 0
     with pytest.raises(TargetError, match="no depth near"):
         chosen(Target(pixel=(u, v)), plain(depth=depth))
@@ -166,7 +166,7 @@ def test_a_masks_bleed_on_other_things_falls_off() -> None:
     bleed[v[:200], u[:200]] = True
     capture, scene = view()
     own = find_target(scene, capture, Target(mask=bleed)).target_mask
-    assert true_label(scene.points[own]) == TUBE
+    assert true_object(scene.points[own]) == TUBE
     assert np.ptp(scene.points[own][:, 1]) < 0.09
 
 
@@ -196,7 +196,7 @@ def test_mask_of_an_unorganized_cloud() -> None:
     )
     found = find_scene(cloud, (), SceneConfig())
     own = find_target(found, cloud, None).target_mask
-    assert true_label(found.points[own]) == CAN
+    assert true_object(found.points[own]) == CAN
 
 
 EMPTY = np.zeros(OBJECT_IDS.shape, bool)
