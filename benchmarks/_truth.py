@@ -1,4 +1,4 @@
-"""Scenes by how clear their best candidate truly is, and what an answer is worth in them."""
+"""Scenes by how clear their best candidate truly is, and how good an answer is in them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.simulate import (
     CandidateTruth,
     TableScene,
@@ -19,8 +20,6 @@ from boxgrasp.simulate import (
 
 # Least and most true clearance of a scene's best valid candidate, m (issue bars).
 BANDS = {"solvable": (0.025, np.inf), "between": (0.015, 0.025), "hopeless": (0.0, 0.015)}
-CLEAR_M = 0.02
-SAFE_M = 0.06
 SAFE_SLACK_M = 0.005
 
 
@@ -83,25 +82,15 @@ def scenes(seed: int, count: int, band: str, **draw: object) -> Iterator[JudgedS
 def verdict(
     judged_scene: JudgedScene, T_base_gripper: np.ndarray, gripper: Gripper | None = None
 ) -> Verdict:
-    """What an answered pose (4, 4) is worth; safe: within 5 mm of u or more (u: strict score)."""
+    """How good an answered pose (4, 4) is; safe: within 5 mm of u or more (u: strict score)."""
     truth = candidate_truth(judged_scene.scene, np.asarray(T_base_gripper)[None], gripper=gripper)
     clearance = float(truth.clearance_m[0])
-    u = min(SAFE_M, judged_scene.truth.best_m)
+    u = min(GREEN_FROM_M, judged_scene.truth.best_m)
     return Verdict(
         clearance_m=clearance,
-        clear=clearance >= CLEAR_M,
+        clear=clearance >= RED_BELOW_M,
         safe=clearance >= u - SAFE_SLACK_M,
         off_table=bool(truth.plane_clearance_m[0] > 0),
         free_approach=bool(truth.approach_clearance_m[0] > 0),
         fits=bool(truth.fits[0]),
     )
-
-
-def wilson(hits: int, of: int, z: float = 1.96) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927)."""
-    if of == 0:
-        return (0.0, 1.0)
-    p, n = hits / of, float(of)
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return (max(0.0, middle - half), min(1.0, middle + half))

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from boxgrasp.simulate import TableScene, cast, draw_scene, to_capture
+from boxgrasp.simulate.camera import SHAPE
 
 
 def milliseconds(work: Callable[[], object], repeats: int) -> float:
@@ -38,7 +39,7 @@ def crowded(primitives: int) -> TableScene:
 def numpy_cast(scene: TableScene) -> np.ndarray:
     """Depth by slabs and quadrics over whole images, as one would write it first."""
     K, T = scene.intrinsics, scene.T_base_camera
-    v, u = np.indices((480, 640))
+    v, u = np.indices(SHAPE)
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
     rays = rays @ T[:3, :3].T
     depth = np.full(u.shape, np.inf)
@@ -76,7 +77,7 @@ def main() -> None:
     view = [scene.primitives, scene.intrinsics, scene.T_base_camera]
     far = np.abs(numpy_cast(scene) - cast(*view).depth)
     rows = [
-        ("cast: depth, color, labels", milliseconds(lambda: cast(*view), args.repeats)),
+        ("cast: depth, color, object ids", milliseconds(lambda: cast(*view), args.repeats)),
         ("cast, shaded", milliseconds(lambda: cast(*view, shading=0.4), args.repeats)),
         ("cast with Xtion noise", milliseconds(lambda: to_capture(scene, rng), args.repeats)),
         ("numpy, depth only", milliseconds(lambda: numpy_cast(scene), max(3, args.repeats // 20))),

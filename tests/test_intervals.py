@@ -35,6 +35,7 @@ def test_a_share_is_wilsons_by_his_own_equation():
         z = abs(37 / 120 - end) / math.sqrt(end * (1 - end) / 120)
         assert z == pytest.approx(1.959964, abs=1e-5)
     assert (e.value, e.count) == (37 / 120, 120)
+    assert (share(95, 100).low, share(95, 100).high) == pytest.approx((0.8882, 0.9785), abs=1e-4)
 
 
 def test_shares_of_none_and_all_reach_the_bound_but_do_not_shrink_to_it():
