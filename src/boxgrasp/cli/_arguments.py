@@ -180,10 +180,11 @@ def resolve_config(args: argparse.Namespace) -> Config:
         GripperError: as `load_gripper`.
     """
     from boxgrasp.config import load_config, load_gripper
+    from boxgrasp.strict import plain
 
-    config: dict[str, Any] = plain_config(load_config(args.config))
+    config: dict[str, Any] = plain(load_config(args.config))
     if args.gripper:
-        config["gripper"] = plain_config(load_gripper(args.gripper))
+        config["gripper"] = plain(load_gripper(args.gripper))
     if args.faces is not None:
         faces = (face.strip() for face in args.faces.split(","))
         config["candidates"]["faces"] = [face for face in faces if face]
@@ -194,21 +195,6 @@ def resolve_config(args: argparse.Namespace) -> Config:
     if args.unchecked:
         config["unchecked"] = True
     return load_config(config)
-
-
-def plain_config(config: Any) -> dict[str, Any]:
-    """A configuration as nested dictionaries.
-
-    Args:
-        config: a Config or a part of one.
-
-    Returns:
-        By name, every setting in it.
-    """
-    from boxgrasp.strict import plain
-
-    values: dict[str, Any] = plain(config)
-    return values
 
 
 def load_capture(path: str, args: argparse.Namespace) -> Capture:
