@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 
-_WORKERS = max(1, min(4, os.cpu_count() or 1))  # more wait for memory
+_WORKERS = max(1, min(4, os.cpu_count() or 1))  # one frame is too small for more
 # Of the calling thread, so that tasks side by side in one process do not undo each other's.
 _limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=_WORKERS)
 

@@ -27,11 +27,11 @@ from boxgrasp.mapping.local_map import (
 # Points (N, 3) float32, m, and the camera's position (3,), m, or None where it is unknown.
 Scan = tuple[Points, ArrayLike | None]
 
-_CHUNK_RAYS = 20_000  # a thread's least work, below which starting it costs more
+_CHUNK_RAYS = 20_000  # a thread's least work
 _CHUNK_BUNDLES = 1_000  # likewise
-_BUNDLE_CELLS = 0.45  # width of a bundle at the grid's center, in cells: measured, the quickest
-_MOST_BINS = 192  # along a cube face; more do not fit a core's cache
-_LEAST_BINS = 4  # fewer bundle rays that part at once
+_BUNDLE_CELLS = 0.45  # width of a bundle at the grid's center, in cells: about half a one
+_MOST_BINS = 192  # along a cube face, which bounds the tables of bundles
+_LEAST_BINS = 4  # along a cube face
 
 
 def lattice_transform(T_base_map: Floats, resolution_m: float) -> Floats:

@@ -49,15 +49,9 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     view = View(points, pixels, capture.shape, T_base_source, T_base_camera)
     views = (view, *scan_views(scans))
     # 2. What stands over it, in voxels of the table's own frame.
-    places = [invert(placement.T_source_table)]
-    places += [invert(placement.T_base_table) @ scan.T_base_source for scan in views[1:]]
-    over = [
-        points_over(seen.points, T, placement.camera_position_table_m(seen.T_base_camera), config)
-        for seen, T in zip(views, places, strict=True)
-    ]
-    voxels = downsampled(np.vstack([found for found, _ in over]), config.voxel_m)
-    shown = pixels[over[0][1]]
-    voxel_of = voxels.voxel_of[: len(shown)]
+    over, first_rows = _points_over(views, placement, config)
+    voxels = downsampled(over, config.voxel_m)
+    shown, voxel_of = pixels[first_rows], voxels.voxel_of[: len(first_rows)]
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, voxel_of, len(voxels.centroids))
     clusters = _clusters(voxels.centroids, colors, placement, config)
@@ -82,6 +76,19 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         views=views,
         _shown=_shown_points(shown, voxel_of, kept),
     )
+
+
+def _points_over(
+    views: Sequence[View], placement: Placement, config: SceneConfig
+) -> tuple[Points, NDArray[np.int32]]:
+    """(P, 3) points of all views over the plane, table frame, and rows of those of the first."""
+    places = [invert(placement.T_source_table)]
+    places += [invert(placement.T_base_table) @ view.T_base_source for view in views[1:]]
+    found = [
+        points_over(view.points, T, placement.camera_position_table_m(view.T_base_camera), config)
+        for view, T in zip(views, places, strict=True)
+    ]
+    return np.vstack([points for points, _ in found]), found[0][1]
 
 
 def _voxel_colors(

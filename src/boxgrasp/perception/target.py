@@ -17,9 +17,9 @@ from boxgrasp.sensing.capture import Capture
 
 _PIXEL_REACH = 5  # px from a pixel without depth to one that has it
 _POINT_REACH_M = 0.03  # m from a point given to an object's
-_MASK_JOIN_M = 0.03  # m up to which parts under a mask are one thing: a handle and its mug
+_MASK_JOIN_M = 0.03  # m up to which parts under a mask are one thing
 _CLEARLY_M = 0.006  # m over the support plane, where its noise does not reach
-_RIM_M = 0.008  # m, what a mask drawn by hand or by a network is off at its rim
+_RIM_M = 0.008  # m from a mask's points, where what it left out may be the target's too
 
 
 @dataclass(frozen=True, eq=False)
