@@ -116,8 +116,8 @@ class _Worker:
         self.pipe, far = spawn.Pipe()
         self.index = -1
         self.process = spawn.Process(target=_serve, args=(far,), daemon=True)
-        # Ctrl-C reaches all processes of a terminal; ours is to end the others, without a word
-        # from them, even while they start. They inherit what is blocked here.
+        # Ctrl-C reaches all processes of a terminal; ours is to end the others silently, even
+        # while they start. They inherit what is blocked here.
         resource_tracker.ensure_running()  # it would unblock
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:

@@ -41,7 +41,7 @@ def to_onnx(svc: Any, record: Record) -> bytes:
     first, second = np.triu_indices(len(classes), k=1)
     margins = _margins(graph, svc, first, second)
     firsts, seconds = np.eye(len(classes))[first], np.eye(len(classes))[second]
-    _label(graph, margins, classes, firsts, seconds)
+    _prediction(graph, margins, classes, firsts, seconds)
     _decision(graph, margins, firsts, seconds)
     return graph.file(len(record.features), len(classes), record)
 
@@ -98,7 +98,9 @@ def _margins(graph: _Graph, svc: Any, first: Array, second: Array) -> str:
     return graph.add("Where", even, graph.number(0.0), margins)
 
 
-def _label(graph: _Graph, margins: str, classes: Array, firsts: Floats, seconds: Floats) -> None:
+def _prediction(
+    graph: _Graph, margins: str, classes: Array, firsts: Floats, seconds: Floats
+) -> None:
     """Votes as LIBSVM counts them: the first class needs a margin above 0."""
     won = graph.cast(graph.add("Greater", margins, graph.number(0.0)))
     lost = graph.add("Sub", graph.number(1.0), won)

@@ -278,7 +278,7 @@ def _round(middle: float, coarse: Sequence[float]) -> tuple[float, ...]:
 def _validate_classes(y: Array) -> None:
     found = np.unique(y)
     if len(found) < 2:
-        said = f"all {len(y)} labels are {found[0]}" if len(found) else "there are no labels"
+        said = f"all {len(y)} examples are of class {found[0]}" if len(found) else "no examples"
         raise BoxgraspError(f"{said}; valid: at least two classes")
 
 

@@ -47,8 +47,8 @@ def results_section(study: Study, count: int | None = None) -> Section:
         title=f"Four versions, {size} scenarios",
         place="section 4-2; figures 4-3 and 4-4, table 4-1",
         words=(
-            f"{size} test scenarios, {size // 8} for each of the eight targets, the bare SVM's "
-            "word, target points and aligned box given. The thesis had 120 of its own.",
+            f"{size} test scenarios, {size // 8} for each of the eight targets, the SVM's first "
+            "choice, target points and aligned box given. The thesis had 120 of its own.",
         ),
         rows=(
             *table_4_1,

@@ -78,7 +78,7 @@ def _physics_rows(study: Study) -> tuple[list[Row], tuple[str, ...]]:
 
 
 def physics_part(task: tuple[RowConfig, range]) -> bytes:
-    """MuJoCo's word on some scenes; a task of its own.
+    """What MuJoCo says of some scenes; a task of its own.
 
     Args:
         task: how rows are made, and the scenes' numbers.
