@@ -65,7 +65,8 @@ def test_the_same_day_it_says_the_same() -> None:
     said = [StandIn().label(scene, np.random.default_rng(7)).label for _ in range(3)]
     assert len(set(said)) == 1
     moods = {
-        replace(STEADY, mood_sigma_m=0.05).label(scene, np.random.default_rng(s)).label for s in range(30)
+        replace(STEADY, mood_sigma_m=0.05).label(scene, np.random.default_rng(s)).label
+        for s in range(30)
     }
     assert len(moods) > 1
 

@@ -254,7 +254,9 @@ def test_an_own_ranking_that_does_not_fit(
         GraspSelector(ranker=Wrong()).select(seen(drawn(1), 1))
 
 
-@pytest.mark.parametrize("ranker", [Reversed, "clearance", object()], ids=["a class", "a name", "no ranker"])
+@pytest.mark.parametrize(
+    "ranker", [Reversed, "clearance", object()], ids=["a class", "a name", "no ranker"]
+)
 def test_what_is_no_ranker(ranker: Any) -> None:
     with pytest.raises(ConfigError, match=r"is a class; valid: an object|is no ranker; valid:"):
         GraspSelector(ranker=ranker)
