@@ -122,6 +122,18 @@ def config_hash(config: Config) -> str:
     Returns:
         16 hexadecimal digits of the SHA-256 of its canonical JSON.
     """
-    values = plain(load_config(config))
+    return loaded_hash(load_config(config))
+
+
+def loaded_hash(config: Config) -> str:
+    """The same as `config_hash`, of a configuration that `load_config` gave.
+
+    Args:
+        config: not read again, so that numbers are taken for what they are.
+
+    Returns:
+        As `config_hash`.
+    """
+    values = plain(config)
     canonical = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]

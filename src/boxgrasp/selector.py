@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import readonly
-from boxgrasp.config import Config, config_hash, load_config
+from boxgrasp.config import Config, load_config, loaded_hash
 from boxgrasp.errors import CodedWarning, ConfigError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
@@ -85,10 +86,13 @@ def default_checks(
     Raises:
         ConfigError: as `load_config`, and a plugin that is not installed.
     """
-    settings = load_config(config)
+    return _checks_of(load_config(config))
+
+
+def _checks_of(config: Config) -> tuple[Check, ...]:
     return (
-        *shipped_checks(settings.checks, settings.candidates.faces),
-        *plugin_checks(settings.checks),
+        *shipped_checks(config.checks, config.candidates.faces),
+        *plugin_checks(config.checks),
     )
 
 
@@ -116,14 +120,14 @@ class GraspSelector:
             MissingExtraError: an SVM ranker without onnxruntime.
         """
         self.config = load_config(config)
-        self._hash = config_hash(self.config)
+        self._hash = loaded_hash(self.config)
         setup = RankerSetup(self.config.models, self.config.gripper, self.config.candidates.lines)
         self.ranker = (
             ranker_named(self.config.ranker, setup)
             if ranker is None
             else validate_ranker(ranker).prepared(setup)
         )
-        own = default_checks(self.config) if checks is None else checks
+        own = _checks_of(self.config) if checks is None else checks
         self.checks = tuple(validate_check(check) for check in own)
         names = [check.name for check in self.checks]
         if len(set(names)) < len(names):
@@ -378,32 +382,40 @@ class Clock:
 
 def _reports(context: RankingContext, ranking: Ranking) -> tuple[Candidate, ...]:
     candidates = context.candidates
-    rank = np.argsort(ranking.order)
+    rank = np.argsort(ranking.order) + 1
+    values = {name: _values_of(said) for name, said in context.check_results.items()}
+    columns = (candidates.label, candidates.face, candidates.line, rank, candidates.width_m)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
     return tuple(
         Candidate(
-            label=int(candidates.label[k]),
-            face=int(candidates.face[k]),
-            line=int(candidates.line[k]),
-            rank=int(rank[k]) + 1,
+            label=label,
+            face=face,
+            line=line,
+            rank=place,
             T_base_gripper=readonly(candidates.T_base_gripper[k].copy()),
-            width_m=float(candidates.width_m[k]),
-            checks={name: _value_of(said, k) for name, said in context.check_results.items()},
+            width_m=width_m,
+            checks={name: said[k] for name, said in values.items()},
         )
-        for k in range(len(candidates.label))
+        for k, (label, face, line, place, width_m) in enumerate(rows)
     )
 
 
-def _value_of(said: CheckResult, k: int) -> CheckValue:
-    x, y, z = said.nearest_points_m[k].tolist()
-    number = int(said.objects[k])
-    return CheckValue(
-        value=float(said.value[k]),
-        limit=float(said.limit[k]),
-        unit=said.unit,
-        passed=bool(said.passed[k]),
-        object=number if number >= 0 else None,
-        nearest_point_m=None if np.isnan(x) else (x, y, z),
-    )
+def _values_of(said: CheckResult) -> list[CheckValue]:
+    """What a check says of each candidate."""
+    columns = (said.value, said.limit, said.passed, said.objects, said.nearest_points_m)
+    return [
+        CheckValue(
+            value=value,
+            limit=limit,
+            unit=said.unit,
+            passed=passed,
+            object=number if number >= 0 else None,
+            nearest_point_m=None if math.isnan(point[0]) else tuple(point),
+        )
+        for value, limit, passed, number, point in zip(
+            *(column.tolist() for column in columns), strict=True
+        )
+    ]
 
 
 def _refusal(context: RankingContext, reports: Sequence[Candidate]) -> Refusal:

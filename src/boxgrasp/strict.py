@@ -52,7 +52,7 @@ def _validated(kind: Any, data: Any, place: Place) -> Any:
     """The data with unknown keys refused at every level, and empty sections made empty maps."""
     section = _section(kind)
     if section is not None and (data is None or isinstance(data, Mapping)):
-        hints = typing.get_type_hints(section, include_extras=True)
+        hints = _hints(section)
         names = [item.name for item in dataclasses.fields(section) if item.init]
         data = {} if data is None and not _optional(kind) else data
         if data is None:
@@ -109,6 +109,16 @@ def _unknown(key: object, section: type[Any], names: list[str], place: Place) ->
 def _spell(place: Place) -> str:
     parts = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in place)
     return "".join(parts).lstrip(".") or "the whole"
+
+
+_HINTS: dict[type[Any], dict[str, Any]] = {}
+
+
+def _hints(section: type[Any]) -> dict[str, Any]:
+    """The types of a dataclass's fields, kept: finding them takes longer than all else here."""
+    if section not in _HINTS:
+        _HINTS[section] = typing.get_type_hints(section, include_extras=True)
+    return _HINTS[section]
 
 
 def _strip(kind: Any) -> Any:
@@ -174,7 +184,7 @@ def _explain(kind: Any, data: Any, message: str) -> str:
                 next(items)
             wanted = next(items)
         elif section is not None:
-            wanted = typing.get_type_hints(section, include_extras=True)[step]
+            wanted = _hints(section)[step]
     return f"{_spell(tuple(place))} is {_shown(found)}; valid: {describe(wanted)}"
 
 

@@ -31,6 +31,7 @@ COMMANDS = {
     "reproduce": "do the whole thesis again and write the report",
 }
 _WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce")
+_WITH_KERNELS = ("select", "objects", "explain", "demo")
 FAILED = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -111,7 +112,11 @@ def _answer(command: str, args: argparse.Namespace) -> int:
 
     module = importlib.import_module(f"boxgrasp.cli.{command}")
     try:
-        with contextlib.nullcontext() if command in _WITH_SCIPY else _without_scipy():
+        # Numba imports scipy where it is installed, 0.3 s for matrix products that no kernel has.
+        with contextlib.nullcontext() if command in _WITH_SCIPY else _hidden("scipy"):
+            if command in _WITH_KERNELS:
+                with _hidden("yaml"):  # 12 ms to look for numba's settings in the working folder
+                    importlib.import_module("numba")
             status = int(module.run(args))
         sys.stdout.flush()
         return status
@@ -121,16 +126,16 @@ def _answer(command: str, args: argparse.Namespace) -> int:
 
 
 @contextlib.contextmanager
-def _without_scipy() -> Iterator[None]:
-    """Numba imports scipy where it is installed, 0.3 s for matrix products that no kernel has."""
-    if "scipy" in sys.modules:
+def _hidden(package: str) -> Iterator[None]:
+    """Within, a package that is not loaded yet cannot be imported."""
+    if package in sys.modules:
         yield
         return
-    sys.modules["scipy"] = None  # type: ignore[assignment]
+    sys.modules[package] = None  # type: ignore[assignment]
     try:
         yield
     finally:
-        del sys.modules["scipy"]
+        del sys.modules[package]
 
 
 def _main_parser() -> Parser:

@@ -71,16 +71,20 @@ def every_step(
     """
     column_kept = np.zeros(width, dtype=np.bool_)
     column_kept[::step] = True
-    count, row, start, row_kept = 0, 0, 0, True
-    for i in range(points.shape[0]):
-        while pixels[i] >= start + width:
-            row += 1
-            start += width
-            row_kept = row % step == 0
-        if row_kept and column_kept[pixels[i] - start]:
-            for k in range(3):
-                kept[count, k] = points[i, k]
-            count += 1
+    total = pixels.shape[0]
+    rows = pixels[-1] // width + 1 if total else 0
+    i, count = 0, 0
+    for row in range(0, rows, step):
+        start = row * width
+        while i < total and pixels[i] < start:
+            i += 1
+        while i < total and pixels[i] < start + width:
+            if column_kept[pixels[i] - start]:
+                kept[count, 0] = points[i, 0]
+                kept[count, 1] = points[i, 1]
+                kept[count, 2] = points[i, 2]
+                count += 1
+            i += 1
     return count
 
 

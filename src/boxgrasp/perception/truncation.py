@@ -104,9 +104,42 @@ class _Sides:
     cut: bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Padded:
+    """The window with a margin of `_REACH_PX` round it, made once for all sides.
+
+    Attributes:
+        target_mask: bool, False in the margin.
+        depth: float32, m, inf in the margin.
+        measured: bool, where the depth is finite.
+        near_limit: (h, w) float32, m: what is nearer than this hides the pixel's neighbor.
+    """
+
+    target_mask: NDArray[np.bool_]
+    depth: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    near_limit: NDArray[np.float32]
+
+    def shifted(self, array: Array, step: tuple[int, int], by: int) -> Array:
+        """(h, w) what lies `by` steps beside each pixel of the window."""
+        height, width = self.near_limit.shape
+        v, u = _REACH_PX + step[0] * by, _REACH_PX + step[1] * by
+        return array[v : v + height, u : u + width]
+
+
+def _padded(array: Array, value: float) -> Array:
+    reach = _REACH_PX
+    height, width = array.shape
+    padded = np.full((height + 2 * reach, width + 2 * reach), value, dtype=array.dtype)
+    padded[reach:-reach, reach:-reach] = array
+    return padded
+
+
 def _sides(window: TargetWindow, depth: NDArray[np.float32]) -> _Sides:
+    deep = _padded(depth, np.inf)
+    padded = _Padded(_padded(window.target_mask, False), deep, np.isfinite(deep), depth - _NEARER_M)
     scanned = [
-        _scan_side(window.target_mask, depth, step, open_side)
+        _scan_side(padded, step, open_side)
         for step, open_side in zip(_STEPS, window.open_sides, strict=True)
     ]
     return _Sides(
@@ -186,34 +219,21 @@ def _image_step(T_base_camera: Floats, outward: Floats) -> int:
 
 
 def _scan_side(
-    target_mask: NDArray[np.bool_],
-    depth: NDArray[np.float32],
-    step: tuple[int, int],
-    open_side: bool,
+    padded: _Padded, step: tuple[int, int], open_side: bool
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """The target's pixels that end to one side; those of them where a nearer thing is next; those
     at the image's border, where the window ends with it.
     """
-    dv, du = step
-    reach = _REACH_PX
-    padded = np.pad(target_mask, reach)
-    deep = np.pad(depth, reach, constant_values=np.inf)
-    h, w = target_mask.shape
-
-    def shifted(array: Array, k: int) -> Array:
-        return array[reach + dv * k : reach + dv * k + h, reach + du * k : reach + du * k + w]
-
-    ends = target_mask.copy()
-    for k in range(1, reach + 1):  # a hole in the depth is no end
-        ends &= ~shifted(padded, k).astype(bool)
-    nearer = np.zeros_like(target_mask)
-    decided = np.zeros_like(target_mask)
-    for k in range(1, reach + 1):
-        other = shifted(deep, k)
-        has = np.isfinite(other) & ~decided
-        nearer |= has & (other < depth - _NEARER_M)
-        decided |= has
-    border = np.zeros_like(target_mask)
+    ends = padded.shifted(padded.target_mask, step, 0).copy()
+    nearer = np.zeros_like(ends)
+    decided = np.zeros_like(ends)
+    for by in range(1, _REACH_PX + 1):
+        # A hole in the depth is no end.
+        ends &= ~padded.shifted(padded.target_mask, step, by)
+        found = padded.shifted(padded.measured, step, by) & ~decided
+        nearer |= found & (padded.shifted(padded.depth, step, by) < padded.near_limit)
+        decided |= found
+    border = np.zeros_like(ends)
     if open_side:
         rims = (np.s_[:, :_RIM_PX], np.s_[:, -_RIM_PX:], np.s_[:_RIM_PX], np.s_[-_RIM_PX:])
         border[rims[_STEPS.index(step)]] = True

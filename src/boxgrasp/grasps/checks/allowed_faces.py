@@ -24,5 +24,5 @@ class AllowedFaces(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Yes on an allowed face."""
-        allowed = [FACES.index(face) + 1 for face in self.faces]
-        return CheckResult.yes_no(np.isin(context.candidates.face, allowed))
+        allowed = np.array([face in self.faces for face in FACES])
+        return CheckResult.yes_no(allowed[context.candidates.face - 1])
