@@ -26,6 +26,7 @@ from boxgrasp.grasps.checks.unseen_fraction import UnseenFraction
 from boxgrasp.grasps.checks.visible_clearance import VisibleClearance
 from boxgrasp.grasps.checks.width import Width
 from boxgrasp.grasps.checks.width_known import WidthKnown
+from boxgrasp.grasps.scoring import RED_BELOW_M
 from boxgrasp.strict import plugin, plugin_names
 
 PLUGINS = "boxgrasp.checks"
@@ -53,7 +54,7 @@ class ChecksConfig:
             `boxgrasp.checks`, each with its own settings (`{}` for none).
     """
 
-    visible_clearance_m: Clearance = 0.02
+    visible_clearance_m: Clearance = RED_BELOW_M
     noise_margin_m: Clearance = 0.003
     occluded_clearance_m: Clearance = 0.02
     unseen_distance_m: Clearance = 0.0
