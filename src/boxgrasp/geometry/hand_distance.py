@@ -29,25 +29,23 @@ def uprights(T_base_gripper: Floats, half_m: Floats, swept_back_m: float = 0.0) 
         (M, 8) float64, base frame, m: center x, y, cosine and sine of its turn, half along, half
         across, lowest z, highest z.
     """
-    boxes = np.empty((len(T_base_gripper), 8))
-    for k, T in enumerate(T_base_gripper):
-        half = np.array(half_m, dtype=np.float64)
-        center = T[:3, 3] - T[:3, 0] * (swept_back_m / 2)
-        half[0] += swept_back_m / 2
-        level = int(np.argmax(np.abs(T[2, :3])))  # the gripper axis that stands upright
-        along = T[:3, 1] if level == 0 else T[:3, 0]
-        across = 3 - level - (1 if level == 0 else 0)
-        boxes[k] = (
-            center[0],
-            center[1],
-            along[0],
-            along[1],
-            half[1 if level == 0 else 0],
-            half[across],
-            center[2] - half[level],
-            center[2] + half[level],
-        )
-    return boxes
+    T = np.asarray(T_base_gripper, dtype=np.float64)
+    half = np.array(half_m, dtype=np.float64)
+    half[0] += swept_back_m / 2
+    center = T[:, :3, 3] - T[:, :3, 0] * (swept_back_m / 2)
+    level = np.argmax(np.abs(T[:, 2, :3]), axis=1)  # the gripper axis that stands upright
+    along_axis = np.where(level == 0, 1, 0)
+    along = T[np.arange(len(T)), :3, along_axis]
+    across_axis = 3 - level - along_axis
+    columns = (
+        *center[:, :2].T,
+        *along[:, :2].T,
+        half[along_axis],
+        half[across_axis],
+        center[:, 2] - half[level],
+        center[:, 2] + half[level],
+    )
+    return np.ascontiguousarray(np.column_stack(columns))
 
 
 def to_columns(boxes: Floats, columns: NDArray[np.float32]) -> tuple[Floats, NDArray[np.int64]]:

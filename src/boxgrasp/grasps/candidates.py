@@ -18,17 +18,21 @@ LINES = 3  # a face (thesis section 2-4)
 FACES = ("left", "front", "right", "top-parallel", "top-perpendicular")
 LEFT, FRONT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR = range(1, 6)
 
-# Columns are the gripper's x (approach), y (finger opening) and z in the box frame.
-_AXES = {
-    LEFT: ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
-    FRONT: ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    RIGHT: ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
-    TOP_PARALLEL: ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
-    TOP_PERPENDICULAR: ((0, 1, 0), (0, 0, -1), (-1, 0, 0)),
-}
+# A matrix a face: its columns are the gripper's x (approach), y (finger opening) and z in the box
+# frame.
+_AXES = np.array(
+    (
+        ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+        ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+        ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+        ((0, 1, 0), (0, 0, -1), (-1, 0, 0)),
+    ),
+    dtype=np.float64,
+)
 # Box axis that the lines of a face step along, and box axis that the fingers close on.
-_STEP_AXIS = {LEFT: 2, FRONT: 2, RIGHT: 2, TOP_PARALLEL: 0, TOP_PERPENDICULAR: 1}
-_WIDTH_AXIS = {LEFT: 0, FRONT: 1, RIGHT: 0, TOP_PARALLEL: 1, TOP_PERPENDICULAR: 0}
+_STEP_AXIS = np.array((2, 2, 2, 0, 1))
+_WIDTH_AXIS = np.array((0, 1, 0, 1, 0))
 
 
 @dataclass(frozen=True)
@@ -115,16 +119,12 @@ def candidates_of(box: Box, gripper: Gripper, lines: int = LINES) -> Candidates:
     """
     faces = np.repeat(np.arange(1, 6), lines)
     steps = np.tile(np.arange(1, lines + 1), 5)
+    axes, step_axis, width_axis = (of[faces - 1] for of in (_AXES, _STEP_AXIS, _WIDTH_AXIS))
     T_box_gripper = np.tile(np.eye(4), (5 * lines, 1, 1))
-    for k, (face, line) in enumerate(zip(faces.tolist(), steps.tolist(), strict=True)):
-        axes = np.array(_AXES[face], dtype=np.float64)
-        approach = axes[:, 0]
-        position = -approach * (box.dimensions_m / 2 + gripper.standoff_m)
-        step = _STEP_AXIS[face]
-        position[step] += box.dimensions_m[step] * ((line - 0.5) / lines - 0.5)
-        T_box_gripper[k, :3, :3] = axes
-        T_box_gripper[k, :3, 3] = position
-    width_axis = np.array([_WIDTH_AXIS[face] for face in faces.tolist()])
+    T_box_gripper[:, :3, :3] = axes
+    T_box_gripper[:, :3, 3] = -axes[:, :, 0] * (box.dimensions_m / 2 + gripper.standoff_m)
+    strips = box.dimensions_m[step_axis] * ((steps - 0.5) / lines - 0.5)
+    T_box_gripper[np.arange(5 * lines), step_axis, 3] += strips
     return Candidates(
         lines=lines,
         label=readonly(label_of(faces, steps, lines)),
