@@ -10,13 +10,22 @@ import pytest
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-_BESIDE = Path(__file__).resolve().parents[2] / "shared" / "captures"
+_BESIDE = Path(__file__).resolve().parents[2] / "shared"
 
 
 @pytest.fixture(scope="session")
 def captures_dir() -> Path:
     """The folder of real captures, which do not ship with the package."""
-    folder = Path(os.environ.get("BOXGRASP_CAPTURES", _BESIDE))
+    folder = Path(os.environ.get("BOXGRASP_CAPTURES", _BESIDE / "captures"))
     if not folder.is_dir():
         pytest.skip(f"no real captures in {folder} (set BOXGRASP_CAPTURES)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def labeled_dir() -> Path:
+    """The folder of real captures with true labels, which do not ship with the package."""
+    folder = Path(os.environ.get("BOXGRASP_LABELED", _BESIDE / "osd"))
+    if not folder.is_dir():
+        pytest.skip(f"no labeled captures in {folder} (set BOXGRASP_LABELED)")
     return folder

@@ -17,6 +17,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "benchmarks"
 LEAST = {
     "captures": ["--only", "6dofgn_cheezit"],
     "cast_scenes": ["--solvable", "1", "--hopeless", "0", "--between", "0", "--processes", "1"],
+    "labelled_captures": ["--most", "2", "--scenes"],
     "local_map": ["--rounds", "1"],
     "process_start": ["--rounds", "1", "--warm"],
     "raycast": ["--repeats", "2"],
@@ -63,6 +64,64 @@ def test_captures_answers_twice_alike(captures_dir: Path) -> None:
 
 def test_captures_without_captures_does_nothing(tmp_path: Path) -> None:
     assert "nothing done" in printed("captures", BOXGRASP_CAPTURES=str(tmp_path))
+
+
+def test_labelled_captures_judges_two(labeled_dir: Path) -> None:
+    out = printed("labelled_captures", BOXGRASP_LABELED=str(labeled_dir))
+    lines = out.splitlines()
+    assert lines[0] == "2 labeled captures" and len(lines) == 1 + 2 * 3
+    for name in ("split", "euclidean"):
+        (line,) = (row for row in lines if row.startswith(name))
+        figures = {key: float(value) for key, value in re.findall(r"(\b[PRF]) ([\d.]+)", line)}
+        assert set(figures) >= {"P", "R", "F"} and figures["P"] > 0.5 and figures["R"] > 0.5
+
+
+def test_labelled_captures_without_any_does_nothing(tmp_path: Path) -> None:
+    assert "nothing done" in printed("labelled_captures", BOXGRASP_LABELED=str(tmp_path))
+
+
+def numbers(*blocks: tuple[int, slice]) -> np.ndarray:
+    """A (40, 100) image of numbers, each in a block of columns."""
+    image = np.zeros((40, 100), dtype=np.int64)
+    for number, columns in blocks:
+        image[:, columns] = number
+    return image
+
+
+TRUTH = numbers((1, np.s_[:]), (2, np.s_[0:20]), (3, np.s_[20:40]), (4, np.s_[60:100]))
+MEASURED = np.ones(TRUTH.shape, dtype=bool)
+
+
+def test_labels_found_as_they_are_score_in_full() -> None:
+    judged = module("labelled_captures").judged
+    found = numbers((7, np.s_[0:20]), (1, np.s_[20:40]), (3, np.s_[60:100]))
+    item = judged(TRUTH, found, MEASURED)
+    assert (item.precision, item.recall, item.f, item.good) == (1.0, 1.0, pytest.approx(1.0), 1.0)
+    assert item.iou == (1.0, 1.0, 1.0) and not any(item.merged + item.missed) and item.ghosts == 0
+
+
+def test_labels_merged_cut_missed_and_ghosts() -> None:
+    judged = module("labelled_captures").judged
+    # 2 and 3 in one piece; of 4 a half in each of two pieces; one piece on the table alone.
+    found = numbers((1, np.s_[0:40]), (2, np.s_[60:80]), (5, np.s_[80:100]), (9, np.s_[45:55]))
+    item = judged(TRUTH, found, MEASURED)
+    assert item.merged == (True, True, False) and item.missed == (False, False, False)
+    assert item.iou == (0.5, 0.5, 0.5) and item.ghosts == 1 and item.good == 0.0
+    matched = 20 + 20  # columns: one of the merged pair, half of the cut one
+    assert item.precision == pytest.approx(matched / 90)
+    assert item.recall == pytest.approx(matched / 80)
+    nothing = judged(TRUTH, np.zeros_like(TRUTH), MEASURED)
+    assert nothing.missed == (True, True, True) and nothing.f == 0.0 and nothing.iou == (0, 0, 0)
+
+
+def test_labels_count_pixels_with_depth_alone() -> None:
+    judged = module("labelled_captures").judged
+    measured = MEASURED.copy()
+    measured[:, 10:20] = False  # half of object 2 was not measured
+    measured[:, 62:100] = False  # of object 4 are 80 pixels left: too few to be counted alone
+    item = judged(TRUTH, numbers((1, np.s_[0:10]), (2, np.s_[20:40])), measured)
+    assert item.iou == (1.0, 1.0) and item.good == pytest.approx(2 / 3)
+    assert item.precision == 1.0 and item.recall == pytest.approx(1200 / 1280)
 
 
 def test_cast_scenes_judges_one_scene() -> None:
