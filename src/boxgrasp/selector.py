@@ -453,15 +453,16 @@ def _heading(scene: Scene) -> float:
 
 
 def scene_warnings(scene: Scene) -> tuple[CodedWarning, ...]:
-    """What the user should know of a scene's frames.
+    """What the user should know of a scene.
 
     Args:
         scene: any.
 
     Returns:
-        Warnings that the base frame is not the robot's, or that the camera's place is unknown.
+        Its own warnings, and that the base frame is not the robot's, or that the camera's place is
+        unknown.
     """
-    found = []
+    found = [*scene.warnings]
     if scene.frame == "support":
         found.append(
             CodedWarning(

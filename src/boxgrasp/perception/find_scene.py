@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Points, readonly
-from boxgrasp.errors import SceneError
+from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
@@ -21,8 +22,8 @@ from boxgrasp.perception.over_plane import (
 from boxgrasp.perception.placement import Placement, place_view
 from boxgrasp.perception.scene import Scene, ShownPoints
 from boxgrasp.perception.scene_config import SceneConfig
-from boxgrasp.perception.segmentation import segmentation_named
-from boxgrasp.perception.segmentation.clusters import Clusters
+from boxgrasp.perception.segmentation import NEED_IMAGE, WITHOUT_IMAGE, segmentation_named
+from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Segments
 from boxgrasp.perception.support_plane import patch_over
 from boxgrasp.perception.view import View, scan_views, seen_points
 from boxgrasp.sensing.capture import Capture, Pixels
@@ -54,10 +55,13 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     shown, voxel_of = pixels[first_rows], voxels.voxel_of[: len(first_rows)]
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, voxel_of, len(voxels.centroids))
-    clusters = _clusters(voxels.centroids, colors, placement, config)
+    needed = config.segmentation in NEED_IMAGE
+    image = _depth_image(capture, view, placement, ShownPoints(shown, voxel_of)) if needed else None
+    segments = _segments(voxels.centroids, colors, image, placement, config)
+    clusters = segments.clusters
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     middles = cluster_middles(voxels.centroids, clusters)
-    over_table = patch_over(points, placement.T_source_table, middles)
+    over_table = patch_over(points, placement.T_source_table, middles) & segments.objects
     points_base = transform(placement.T_base_table, voxels.centroids)
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
@@ -74,6 +78,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
+        warnings=_warnings(config, image),
         _shown=_shown_points(shown, voxel_of, kept),
     )
 
@@ -99,21 +104,61 @@ def _voxel_colors(
     return None if flat is None else voxel_colors(flat[shown], voxel_of, count)
 
 
-def _clusters(
-    centroids: Points, colors: Points | None, placement: Placement, config: SceneConfig
-) -> Clusters:
-    """(V,) cluster of each voxel, -1 for outliers and what the segmentation leaves out."""
+def _depth_image(
+    capture: Capture, view: View, placement: Placement, shown: ShownPoints
+) -> DepthImage | None:
+    """The image that the first view's points were seen in; None for a cloud."""
+    if capture.depth is None or capture.intrinsics is None:
+        return None
+    depth_m, height_m = np.zeros((2, capture.depth.size), dtype=np.float32)
+    depth_m[view.pixels] = view.points[:, 2]  # the robot's own arm is left out
+    height_m[view.pixels] = placement.plane.heights(view.points)
+    shape, focal_px = capture.depth.shape, float(capture.intrinsics[0, 0])
+    images = depth_m.reshape(shape), focal_px, height_m.reshape(shape)
+    return DepthImage(*images, shown.pixels, shown.rows)
+
+
+def _segments(
+    centroids: Points,
+    colors: Points | None,
+    image: DepthImage | None,
+    placement: Placement,
+    config: SceneConfig,
+) -> Segments:
+    """The voxels' clusters, -1 for outliers and what the segmentation leaves out."""
     camera_position_m = placement.camera_position_table_m(placement.T_base_camera)
     kept = inliers(centroids, camera_position_m, config)
-    clusters = np.full(len(centroids), -1, dtype=np.int64)
-    segmented = segmentation_named(config.segmentation)
-    clusters[kept] = segmented(
+    seen = SeenPoints(
         np.ascontiguousarray(centroids[kept]),
         None if colors is None else colors[kept],
         camera_position_m,
-        config,
+        None if image is None else _of_kept(image, kept),
     )
-    return clusters
+    segments = segmentation_named(_segmentation(config, image))(seen, config)
+    clusters = np.full(len(centroids), -1, dtype=np.int64)
+    clusters[kept] = segments.clusters
+    return Segments(clusters, segments.objects)
+
+
+def _of_kept(image: DepthImage, kept: NDArray[np.bool_]) -> DepthImage:
+    """The image with rows among the kept points alone."""
+    shown = kept[image.rows]
+    rows = (np.cumsum(kept) - 1)[image.rows[shown]]
+    return replace(image, pixels=image.pixels[shown], rows=rows)
+
+
+def _segmentation(config: SceneConfig, image: DepthImage | None) -> str:
+    """The name of the segmentation that is used."""
+    without = image is None and config.segmentation in NEED_IMAGE
+    return WITHOUT_IMAGE if without else config.segmentation
+
+
+def _warnings(config: SceneConfig, image: DepthImage | None) -> tuple[CodedWarning, ...]:
+    used = _segmentation(config, image)
+    if used == config.segmentation:
+        return ()
+    said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
+    return (CodedWarning("segmentation_without_image", said),)
 
 
 def _shown_points(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
-from boxgrasp.errors import SceneError
+from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import transform
 from boxgrasp.perception.numbering import SceneObject
@@ -69,6 +69,7 @@ class Scene:
         T_base_camera: (4, 4), or None where the camera's place is unknown.
         T_base_table: (4, 4), z on the plane's normal, z = 0 on it.
         views: the points of every capture, the first one's before the further scans'.
+        warnings: what the user should know of how it was found.
     """
 
     points: Points
@@ -80,6 +81,7 @@ class Scene:
     T_base_camera: Floats | None
     T_base_table: Floats
     views: tuple[View, ...]
+    warnings: tuple[CodedWarning, ...]
     _shown: ShownPoints
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.errors import MissingExtraError, ModelError
-from boxgrasp.ranking.onnx.model import DIGEST_KEY, RECORD_KEY, digest
+from boxgrasp.onnx.session import DIGEST_KEY, RECORD_KEY, digest
 from boxgrasp.ranking.onnx.record import Record, to_json
 
 _OPSET, _IR = 17, 8  # read by every onnxruntime that `boxgrasp[svm]` allows

@@ -10,9 +10,14 @@ from boxgrasp.perception.segmentation.protocol import Segmentation
 # By the names that `scene.segmentation` takes. Imported where it is used alone, so that one with
 # heavy needs costs nobody else.
 SEGMENTATIONS: Final = {
-    "split": "boxgrasp.perception.segmentation.split:split_clusters",
-    "euclidean": "boxgrasp.perception.segmentation.euclidean:euclidean_clusters",
+    "split": "boxgrasp.perception.segmentation.split:split_segments",
+    "euclidean": "boxgrasp.perception.segmentation.euclidean:euclidean_segments",
+    "network": "boxgrasp.perception.segmentation.network:network_segments",
 }
+
+# Segmentations that look at the image: a cloud, which has none, is segmented by another one.
+NEED_IMAGE: Final = frozenset(("network",))
+WITHOUT_IMAGE: Final = "split"
 
 
 def segmentation_named(name: str) -> Segmentation:

@@ -25,9 +25,9 @@ from boxgrasp.kernels.plan import (
     plan_grid,
     smooth_cells,
 )
-from boxgrasp.perception.segmentation.clusters import Clusters, rows_by_cluster
-from boxgrasp.perception.segmentation.euclidean import euclidean_clusters
-from boxgrasp.perception.segmentation.protocol import SegmentationConfig
+from boxgrasp.perception.segmentation.clusters import rows_by_cluster
+from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
+from boxgrasp.perception.segmentation.protocol import SeenPoints, SegmentationConfig, Segments
 from boxgrasp.sensing.sensor_model import FOCAL_PX
 
 Patches = NDArray[np.int64]  # of the cells of a plan, from 0, -1 for none
@@ -52,26 +52,20 @@ _CONVEX = 0.90  # share of its hull that a part fills at least
 _LEVEL_M = 0.005  # m, from the middle height to the 90 % one, up to which a top is level
 
 
-def split_clusters(
-    points: Points,
-    colors: Points | None,
-    camera_position_m: Floats | None,
-    config: SegmentationConfig,
-) -> Clusters:
+def split_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
     """Euclidean clusters, those of several things parted.
 
     Args:
-        points: (K, 3) float32, table frame (z = 0 on the plane), m.
-        colors: (K, 3) float32, 0 to 255, NaN where unknown; None without any.
-        camera_position_m: (3,) table frame, m, or None where it is unknown.
-        config: the settings.
+        seen: points, colors and camera position.
+        config: the tolerance.
 
     Returns:
-        (K,) int64 cluster ids, -1 for specks; a part keeps its cluster's id, others get new ones.
+        Clusters that may all be objects; a part keeps its cluster's id, others get new ones.
     """
-    clusters = euclidean_clusters(points, colors, camera_position_m, config)
+    points, camera_position_m = seen.points, seen.camera_position_m
+    clusters = clusters_without_specks(points, config.cluster_tolerance_m)
     parted = clusters.copy()
-    tints = _tints(points, colors)
+    tints = _tints(points, seen.colors)
     following = int(clusters.max(initial=-1)) + 1
     for rows in rows_by_cluster(clusters):
         if len(rows) < 2 * _LEAST_M2 / _CELL_M**2:
@@ -84,7 +78,7 @@ def split_clusters(
         for piece in range(1, int(pieces.max()) + 1):
             parted[rows[pieces == piece]] = following
             following += 1
-    return parted
+    return Segments.all_objects(parted)
 
 
 def _row_gap_m(points: Points, camera_position_m: Floats) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -13,15 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.errors import MissingExtraError, ModelError
+from boxgrasp.errors import ModelError
 from boxgrasp.grasps.candidates import label_of
-from boxgrasp.ranking.onnx import guard
+from boxgrasp.onnx.session import open_session, record_of
 from boxgrasp.ranking.onnx.record import Record, from_json
 
 Classes = NDArray[np.int64]
 
-# Keys of the ONNX file's metadata: the record, and the digest of graph and record.
-RECORD_KEY, DIGEST_KEY = "boxgrasp", "boxgrasp_sha256"
+# Operators of the standard set that the exported graphs are made of.
+OPERATORS = frozenset(
+    (
+        *("Cast", "MatMul", "Mul", "Add", "Sub", "Div", "Abs", "Relu", "Exp", "ReduceSum"),
+        *("Split", "Concat", "Gather", "Greater", "Less", "Where", "ArgMax", "Neg"),
+    )
+)
 SHIPPED = Path(__file__).parent / "weights"
 
 _ROWS = 1024  # asked at once; bounds the memory
@@ -102,29 +106,12 @@ def load_model(source: bytes | str | PathLike[str]) -> Model:
         raise ModelError(f"{fspath(source)}: {error}") from None
 
 
-def digest(graph: bytes, record: bytes) -> str:
-    """What tells that a file is damaged; it does not tell intent.
-
-    Args:
-        graph: as it is stored.
-        record: as it is stored.
-
-    Returns:
-        SHA-256 of both, hexadecimal.
-    """
-    return hashlib.sha256(hashlib.sha256(graph).digest() + record).hexdigest()
-
-
 def _load(data: bytes) -> Model:
-    file = guard.parse(data)
-    if RECORD_KEY not in file.metadata:
-        raise ModelError("the ONNX file holds no record; valid: a model that boxgrasp trained")
-    text = file.metadata[RECORD_KEY]
+    text, whole = record_of(data)
     record = from_json(text)
-    if file.metadata.get(DIGEST_KEY) != digest(file.graph, text).encode():
+    if not whole:
         raise ModelError("the file is damaged: graph and record do not match their digest")
-    guard.validate_plain(data)
-    model = Model(record, _session(data))
+    model = Model(record, open_session(data, OPERATORS))
     try:
         predicted, decision = model._session.run(
             ["label", "decision"],
@@ -137,24 +124,6 @@ def _load(data: bytes) -> Model:
     if not fine or decision.dtype != np.float64 or decision.shape != (2, len(record.classes)):
         raise ModelError("the graph does not answer as its record says")
     return model
-
-
-def _session(data: bytes) -> Any:
-    try:
-        import onnxruntime as ort
-    except ImportError:
-        raise MissingExtraError(
-            "trained models need onnxruntime; install with: pip install 'boxgrasp[svm]'"
-        ) from None
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.use_deterministic_compute = True
-    options.log_severity_level = 4
-    try:
-        return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own errors share no other root
-        said = " ".join(str(error).split())
-        raise ModelError(f"onnxruntime refuses the graph: {said[:200]}") from None
 
 
 def ranked(

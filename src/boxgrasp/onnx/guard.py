@@ -1,23 +1,16 @@
 """What an ONNX file holds, told from its bytes before any library is let near it.
 
-Only what `boxgrasp.teaching.export` writes passes: plain arithmetic on numbers inside the file. No
+Only plain arithmetic on numbers inside the file passes: the operators that the caller names. No
 file beside it is opened, no custom operator, function, loop or branch is accepted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from boxgrasp.errors import ModelError
 
-# Operators of the standard set that the exported graphs are made of.
-OPERATORS = frozenset(
-    (
-        *("Cast", "MatMul", "Mul", "Add", "Sub", "Div", "Abs", "Relu", "Exp", "ReduceSum"),
-        *("Split", "Concat", "Gather", "Greater", "Less", "Where", "ArgMax", "Neg"),
-    )
-)
 # Field numbers of onnx.proto that may occur, message by message.
 _MODEL = {"ir_version": 1, "opset": 8, "producer": 2, "producer_version": 3, "metadata": 14}
 _GRAPH = 7
@@ -25,7 +18,7 @@ _NODE, _INITIALIZER = 1, 5
 _GRAPH_FIELDS = frozenset((_NODE, 2, _INITIALIZER, 11, 12))
 _OP_TYPE, _DOMAIN, _ATTRIBUTE = 4, 7, 5
 _NODE_FIELDS = frozenset((1, 2, 3, _OP_TYPE, _ATTRIBUTE))
-_ATTRIBUTE_FIELDS = frozenset((1, 3, 8, 20))  # name, one integer, integers, type
+_ATTRIBUTE_FIELDS = frozenset((1, 3, 4, 8, 20))  # name, one integer, text, integers, type
 _TENSOR_FIELDS = frozenset((1, 2, 8, 9))  # dims, type, name, raw bytes
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 
@@ -71,11 +64,12 @@ def parse(data: bytes) -> OnnxFile:
     return OnnxFile(metadata, graphs[0])
 
 
-def validate_plain(data: bytes) -> None:
+def validate_plain(data: bytes, operators: Collection[str]) -> None:
     """Refuse whatever is more than arithmetic on numbers that are in the file.
 
     Args:
         data: the bytes of an ONNX file.
+        operators: names of the standard set that it may hold.
 
     Raises:
         ModelError: external data, foreign operators, functions, branches, anything unknown.
@@ -89,25 +83,25 @@ def validate_plain(data: bytes) -> None:
         ):
             raise ModelError("the model needs custom operators; valid: the standard ones")
         if number == _GRAPH:
-            _validate_graph(_inner(value))
+            _validate_graph(_inner(value), operators)
 
 
-def _validate_graph(graph: bytes) -> None:
+def _validate_graph(graph: bytes, operators: Collection[str]) -> None:
     for number, value in _fields(graph):
         if number not in _GRAPH_FIELDS:
             raise ModelError(f"the model's graph holds ONNX field {number}; valid: nodes, numbers")
         if number == _NODE:
-            _validate_node(_inner(value))
+            _validate_node(_inner(value), operators)
         elif number == _INITIALIZER:
             if any(key not in _TENSOR_FIELDS for key, _ in _fields(_inner(value))):
                 raise ModelError("the model keeps numbers outside of it; valid: all in one file")
 
 
-def _validate_node(node: bytes) -> None:
+def _validate_node(node: bytes, operators: Collection[str]) -> None:
     for key, value in _fields(node):
         if key == _OP_TYPE:
             name = _inner(value).decode("utf-8", "replace")
-            if name not in OPERATORS:
+            if name not in operators:
                 raise ModelError(f"the model holds the operator {name!r}; valid: plain arithmetic")
         elif key == _ATTRIBUTE:
             if any(field not in _ATTRIBUTE_FIELDS for field, _ in _fields(_inner(value))):

@@ -1,0 +1,77 @@
+"""ONNX files that carry a record of how they were made: told damaged from whole, and run."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+from typing import Any
+
+from boxgrasp.errors import MissingExtraError, ModelError
+from boxgrasp.onnx import guard
+
+# Keys of the ONNX file's metadata: the record, and the digest of graph and record.
+RECORD_KEY, DIGEST_KEY = "boxgrasp", "boxgrasp_sha256"
+
+
+def digest(graph: bytes, record: bytes) -> str:
+    """What tells that a file is damaged; it does not tell intent.
+
+    Args:
+        graph: as it is stored.
+        record: as it is stored.
+
+    Returns:
+        SHA-256 of both, hexadecimal.
+    """
+    return hashlib.sha256(hashlib.sha256(graph).digest() + record).hexdigest()
+
+
+def record_of(data: bytes) -> tuple[bytes, bool]:
+    """The record inside an ONNX file.
+
+    Args:
+        data: the file's bytes.
+
+    Returns:
+        The record as it is stored, and whether graph and record match their digest.
+
+    Raises:
+        ModelError: not an ONNX file, or one without a record.
+    """
+    file = guard.parse(data)
+    if RECORD_KEY not in file.metadata:
+        raise ModelError("the ONNX file holds no record; valid: a model that boxgrasp trained")
+    text = file.metadata[RECORD_KEY]
+    return text, file.metadata.get(DIGEST_KEY) == digest(file.graph, text).encode()
+
+
+def open_session(data: bytes, operators: Collection[str]) -> Any:
+    """What runs a graph, on one thread; no code of the file is run and no other file opened.
+
+    Args:
+        data: the file's bytes.
+        operators: of the standard set, that it may hold.
+
+    Returns:
+        An `onnxruntime.InferenceSession`; safe from several threads.
+
+    Raises:
+        ModelError: the file holds more than plain arithmetic, or onnxruntime refuses it.
+        MissingExtraError: onnxruntime is not installed.
+    """
+    guard.validate_plain(data, operators)
+    try:
+        import onnxruntime as ort
+    except ImportError:
+        raise MissingExtraError(
+            "trained models need onnxruntime; install with: pip install 'boxgrasp[svm]'"
+        ) from None
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4
+    try:
+        return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own errors share no other root
+        said = " ".join(str(error).split())
+        raise ModelError(f"onnxruntime refuses the graph: {said[:200]}") from None

@@ -1,0 +1,309 @@
+"""Things told apart by a small network that sees the depth image alone.
+
+It was trained on cast scenes and says for each cell of the image whether it shows a thing, and
+whether cells some steps away show the same one. A mutex watershed groups the cells. What the
+network takes for no thing stays an obstacle, but is no object.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Array
+from boxgrasp.errors import ModelError, SceneError
+from boxgrasp.kernels.mutex import grown_within, mutex_watershed
+from boxgrasp.onnx.session import open_session, record_of
+from boxgrasp.perception.segmentation.clusters import Clusters
+from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
+from boxgrasp.perception.segmentation.protocol import (
+    DepthImage,
+    SeenPoints,
+    SegmentationConfig,
+    Segments,
+)
+
+WEIGHTS = Path(__file__).parent / "weights" / "network.onnx"
+_OPERATORS: Final = frozenset(("Conv", "Relu", "Concat", "Resize"))
+_FORMAT: Final = 1
+
+# As the network was trained.
+_HEIGHT_SCALE_M: Final = 0.08
+_DEPTH_SCALE_M: Final = 0.15
+_BEND_SCALE_M: Final = 0.004
+_SLOPE_PX: Final = 2  # slopes and bends are taken over so many pixels to each side
+_LEAST_DEPTH_M: Final = 0.2  # nearer pixels would have unbounded slopes
+_CLIP: Final = 4.0
+_MULTIPLE_PX: Final = 16  # four levels, each half of the one before
+
+_THING: Final = 0.5  # probability from which a cell shows a thing
+_SAME: Final = 0.5  # probability from which two cells show the same thing
+_LEAST_HEIGHT_M: Final = 0.004  # a cell of the table's own noise is no thing
+_FAR_ATTRACTION: Final = 0.02  # less for cells three steps away: near ones are joined first
+_ATTRACTING: Final = 4  # offsets along u and v by 1 and 3; farther ones only keep apart
+_NEAREST: Final = 2  # offsets by 1, which never keep apart: a cut there would be noise
+_LEAST_CELLS: Final = 40  # of a thing; smaller pieces go to what they touch
+_RINGS: Final = 2  # of cells round a thing whose points are its own: its rim is too mixed to tell
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """The network with what its record says of it.
+
+    Attributes:
+        focal_px: of the images that it was trained on, px.
+        cell_px: edge of a cell in such an image, px.
+        offsets: (v, u) steps in cells of each affinity.
+    """
+
+    focal_px: float
+    cell_px: int
+    offsets: tuple[tuple[int, int], ...]
+    _session: Any
+
+    def probabilities(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What the network says of an image.
+
+        Args:
+            inputs: (7, h, w) float32, h and w multiples of 16.
+
+        Returns:
+            (1 + offsets, h / cell_px, w / cell_px) float32: of being a thing, then of being the
+            same thing as the cell at each offset.
+        """
+        logits = self._session.run(["y"], {"x": inputs[None]})[0][0]
+        return np.asarray(1.0 / (1.0 + np.exp(-logits)), dtype=np.float32)
+
+
+def read_network(data: bytes) -> Network:
+    """The network of an ONNX file. Runs no code of it and opens no other file.
+
+    Args:
+        data: the file's bytes.
+
+    Returns:
+        The network.
+
+    Raises:
+        ModelError: damaged, no network of this kind, or more than plain arithmetic.
+        MissingExtraError: onnxruntime is not installed.
+    """
+    text, whole = record_of(data)
+    if not whole:
+        raise ModelError("the file is damaged: graph and record do not match their digest")
+    try:
+        record = json.loads(text)
+        if record["kind"] != "segmentation" or record["format"] != _FORMAT:
+            raise ModelError(f"the record is not of a segmentation network, format {_FORMAT}")
+        offsets = tuple((int(v), int(u)) for v, u in record["offsets"])
+        focal_px, cell_px = float(record["focal_px"]), int(record["cell_px"])
+    except (ValueError, KeyError, TypeError):
+        raise ModelError("the record is not of a segmentation network") from None
+    network = Network(focal_px, cell_px, offsets, open_session(data, _OPERATORS))
+    side = _MULTIPLE_PX * cell_px
+    try:
+        shape = network.probabilities(np.zeros((7, side, side), dtype=np.float32)).shape
+    except Exception:  # onnxruntime's own errors share no other root
+        raise ModelError("the graph does not run as its record says") from None
+    if shape != (1 + len(offsets), side // cell_px, side // cell_px):
+        raise ModelError("the graph does not answer as its record says")
+    return network
+
+
+@cache
+def shipped_network() -> Network:
+    """The network that ships, read once a process.
+
+    Returns:
+        The network.
+
+    Raises:
+        ModelError: its file is damaged.
+        MissingExtraError: onnxruntime is not installed.
+    """
+    try:
+        return read_network(WEIGHTS.read_bytes())
+    except OSError as error:
+        raise ModelError(f"{WEIGHTS}: {error.strerror or error}") from None
+    except ModelError as error:
+        raise ModelError(f"{WEIGHTS}: {error}") from None
+
+
+def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
+    """Things by the network; what is none by distance, as obstacles alone.
+
+    Args:
+        seen: K points with the image that shows them.
+        config: the settings.
+
+    Returns:
+        Clusters of things, then those of the rest.
+
+    Raises:
+        SceneError: there is no image.
+        ModelError: the network's file is damaged.
+        MissingExtraError: onnxruntime is not installed.
+    """
+    if seen.image is None:
+        raise SceneError("segmentation by the network needs an image; valid: split, euclidean")
+    network = shipped_network()
+    things = thing_image(network, seen.image)
+    clusters = _clusters_of(things, seen.image, _cell_px(network, seen.image), len(seen.points))
+    found = int(clusters.max(initial=-1)) + 1
+    rest = np.flatnonzero(clusters < 0)
+    points = np.ascontiguousarray(seen.points[rest])
+    others = clusters_without_specks(points, config.cluster_tolerance_m)
+    clusters[rest] = np.where(others >= 0, found + others, -1)
+    count = int(clusters.max(initial=-1)) + 1
+    return Segments(clusters, np.arange(count) < found)
+
+
+def thing_image(network: Network, image: DepthImage) -> NDArray[np.int64]:
+    """Which thing each cell of the image shows.
+
+    Args:
+        network: what tells.
+        image: of any size; it is thinned to the focal length that the network was trained on.
+
+    Returns:
+        (rows, columns) int64, -1 for none; a cell is `step` times `cell_px` pixels wide.
+    """
+    step = _step(network, image)
+    depth = image.depth_m[::step, ::step]
+    inputs = network_inputs(depth, image.height_m[::step, ::step], image.focal_px / step)
+    cell = network.cell_px
+    depth, height = depth[::cell, ::cell], image.height_m[::step, ::step][::cell, ::cell]
+    said = network.probabilities(inputs)[:, : depth.shape[0], : depth.shape[1]]
+    measured = (depth > 0) & (height > _LEAST_HEIGHT_M)
+    things = _grouped(said, measured & (said[0] > _THING), network.offsets)
+    return grown_within(things, _shown_cells(image, step * cell, things.shape), _RINGS)
+
+
+def _cell_px(network: Network, image: DepthImage) -> int:
+    """Edge of a cell in the image itself, px."""
+    return _step(network, image) * network.cell_px
+
+
+def _step(network: Network, image: DepthImage) -> int:
+    """Every so many-th pixel gives an image of about the network's focal length."""
+    return max(1, round(image.focal_px / network.focal_px))
+
+
+def network_inputs(
+    depth_m: NDArray[np.float32], height_m: NDArray[np.float32], focal_px: float
+) -> NDArray[np.float32]:
+    """The image as the network takes it, filled up to multiples of 16 pixels.
+
+    Args:
+        depth_m: (h, w) float32, 0 where it is missing.
+        height_m: (h, w) float32 over the support plane.
+        focal_px: px.
+
+    Returns:
+        (7, ...) float32: height, measured, slopes and bends along u and v, depth about its mean.
+    """
+    measured = depth_m > 0
+    mean = depth_m.sum() / max(np.count_nonzero(measured), 1)
+    slope_u, bend_u = _slope_and_bend(depth_m, 1, focal_px)
+    slope_v, bend_v = _slope_and_bend(depth_m, 0, focal_px)
+    channels = (
+        np.clip(height_m / _HEIGHT_SCALE_M, -_CLIP / 2, _CLIP) * measured,
+        measured,
+        slope_u / 2,
+        slope_v / 2,
+        bend_u / 2,
+        bend_v / 2,
+        np.clip((depth_m - mean) / _DEPTH_SCALE_M, -_CLIP, _CLIP) * measured,
+    )
+    height, width = depth_m.shape
+    filled = np.zeros((7, height + -height % _MULTIPLE_PX, width + -width % _MULTIPLE_PX))
+    filled[:, :height, :width] = channels
+    return filled.astype(np.float32)
+
+
+def _slope_and_bend(
+    depth_m: NDArray[np.float32], axis: int, focal_px: float
+) -> tuple[Array, Array]:
+    """Change of depth over change of place, and its change; 0 where a neighbor is missing."""
+    after, before = (np.roll(depth_m, by, axis) for by in (-_SLOPE_PX, _SLOPE_PX))
+    whole = (after > 0) & (before > 0) & (depth_m > 0)
+    scale = focal_px / (2 * _SLOPE_PX * np.maximum(depth_m, _LEAST_DEPTH_M))
+    slope = np.clip((after - before) * scale, -_CLIP, _CLIP)
+    bend = np.clip((after + before - 2 * depth_m) / _BEND_SCALE_M, -_CLIP, _CLIP)
+    return np.where(whole, slope, 0), np.where(whole, bend, 0)
+
+
+def _grouped(
+    said: NDArray[np.float32], inside: NDArray[np.bool_], offsets: tuple[tuple[int, int], ...]
+) -> NDArray[np.int64]:
+    """(rows, columns) thing of each inside cell, -1 else."""
+    things = np.full(inside.shape, -1, dtype=np.int64)
+    count = int(np.count_nonzero(inside))
+    if count == 0:
+        return things
+    number = things.copy()
+    number[inside] = np.arange(count)
+    parts = [
+        _edges(number, said[1 + k], offset, k < _ATTRACTING, k >= _NEAREST)
+        for k, offset in enumerate(offsets)
+    ]
+    first, second, weight, attract = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.argsort(-weight, kind="stable")
+    groups = mutex_watershed(first[order], second[order], attract[order], count)
+    _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    things[inside] = np.where(sizes[group] >= _LEAST_CELLS, group, -1)
+    return grown_within(things, inside, max(inside.shape))
+
+
+def _edges(
+    number: NDArray[np.int64],
+    same: NDArray[np.float32],
+    offset: tuple[int, int],
+    attracts: bool,
+    repels: bool,
+) -> tuple[Array, Array, Array, Array]:
+    """Cells, their partners at an offset, weights, and whether each pair attracts."""
+    rows, columns = number.shape
+    dv, du = offset
+    here = np.s_[: rows - dv, max(0, -du) : columns - max(0, du)]
+    there = np.s_[dv:, max(0, du) : columns - max(0, -du)]
+    pairs = (number[here] >= 0) & (number[there] >= 0)
+    first, second, probability = number[here][pairs], number[there][pairs], same[here][pairs]
+    if not repels:
+        return first, second, probability, np.ones(len(first), dtype=np.bool_)
+    attract = probability >= _SAME
+    weight = np.where(attract, probability - np.float32(_FAR_ATTRACTION), 1 - probability)
+    kept = ~attract if not attracts else np.ones(len(first), dtype=np.bool_)
+    return first[kept], second[kept], weight[kept], attract[kept]
+
+
+def _shown_cells(image: DepthImage, cell_px: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Cells in which a point over the plane is shown."""
+    v, u = np.divmod(image.pixels, image.depth_m.shape[1])
+    shown = np.zeros(shape, dtype=np.bool_)
+    shown[np.minimum(v // cell_px, shape[0] - 1), np.minimum(u // cell_px, shape[1] - 1)] = True
+    return shown
+
+
+def _clusters_of(
+    things: NDArray[np.int64], image: DepthImage, cell_px: int, count: int
+) -> Clusters:
+    """(K,) the thing that most of a point's pixels show, ids without gaps; -1 for none."""
+    v, u = np.divmod(image.pixels.astype(np.int64), image.depth_m.shape[1])
+    last = np.array(things.shape) - 1
+    shown = things[np.minimum(v // cell_px, last[0]), np.minimum(u // cell_px, last[1])] + 1
+    kinds = int(shown.max(initial=0)) + 1
+    votes = np.bincount(image.rows * kinds + shown, minlength=count * kinds).reshape(count, kinds)
+    best = np.argmax(votes, axis=1) - 1
+    best[votes.sum(axis=1) == 0] = -1
+    ids = np.full(kinds, -1, dtype=np.int64)
+    present = np.unique(best[best >= 0])
+    ids[present] = np.arange(len(present))
+    return np.where(best >= 0, ids[best], -1)
