@@ -24,17 +24,10 @@ import onnx
 from sklearn.svm import SVC
 
 from boxgrasp.errors import BoxgraspError, ModelError
+from boxgrasp.onnx.session import DIGEST_KEY, RECORD_KEY, digest
 from boxgrasp.ranking.features import FeatureSchema
 from boxgrasp.ranking.model_set import SVMS, Svm
-from boxgrasp.ranking.onnx.model import (
-    DIGEST_KEY,
-    RECORD_KEY,
-    SHIPPED,
-    cascaded,
-    digest,
-    load_model,
-    ranked,
-)
+from boxgrasp.ranking.onnx.model import SHIPPED, cascaded, load_model, ranked
 from boxgrasp.ranking.onnx.record import FORMAT, Record, from_json, to_json, validate_fits
 from boxgrasp.teaching.export import to_onnx
 

@@ -21,7 +21,8 @@ from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.scene import MISSING, TABLE, Scene
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.segmentation import SEGMENTATIONS
-from boxgrasp.perception.segmentation.clusters import Clusters, rows_by_cluster
+from boxgrasp.perception.segmentation.clusters import rows_by_cluster
+from boxgrasp.perception.segmentation.protocol import SeenPoints, Segments
 from boxgrasp.perception.view import View, rows_of, scan_views
 from boxgrasp.simulate import to_capture
 
@@ -273,13 +274,18 @@ def test_rows_by_cluster_are_the_rows_of_each_id(ids: list[int], shift: int) -> 
 
 def test_an_unknown_segmentation_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(
-        ConfigError, match=r"scene.segmentation is 'network'; valid: split, euclidean$"
+        ConfigError, match=r"scene.segmentation is 'sam'; valid: split, euclidean, network$"
     ):
-        SceneConfig(segmentation="network")
+        SceneConfig(segmentation="sam")
 
 
-def everything_is_one(points: np.ndarray, *_: object) -> Clusters:
-    return np.zeros(len(points), dtype=np.int64)
+def everything_is_one(seen_points: SeenPoints, _: object) -> Segments:
+    return Segments.all_objects(np.zeros(len(seen_points.points), dtype=np.int64))
+
+
+def nothing_is_an_object(seen_points: SeenPoints, _: object) -> Segments:
+    clusters = np.arange(len(seen_points.points)) % 2
+    return Segments(clusters, np.array([False, True]))
 
 
 def test_another_segmentation_is_a_function_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,3 +294,11 @@ def test_another_segmentation_is_a_function_and_a_line(monkeypatch: pytest.Monke
     found = find_scene(captured(), (), SceneConfig(segmentation="one"))
     assert len(found.objects) == 1 and (found.object_numbers == 1).all()
     assert found.objects[0].points == len(found.points) > len(scene().points) - 10
+
+
+def test_clusters_that_are_no_objects_stay_obstacles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "own", SimpleNamespace(function=nothing_is_an_object))
+    monkeypatch.setitem(SEGMENTATIONS, "half", "own:function")
+    found = find_scene(captured(), (), SceneConfig(segmentation="half"))
+    assert len(found.objects) == 1 and set(found.clusters.tolist()) == {0, 1}
+    np.testing.assert_array_equal(found.object_numbers, found.clusters)
