@@ -23,7 +23,8 @@ class SceneConfig:
         max_range_m: likewise, m. Things beyond are obstacles, but no objects.
         voxel_m: edge of the voxels that points are downsampled to, m.
         cluster_tolerance_m: points nearer than this are one object, m.
-        segmentation: `split` also parts things that stand closer; `euclidean` is the thesis's.
+        segmentation: `euclidean` is the thesis's; `split` also parts things that stand closer;
+            `network` tells things apart in the depth image (extra `svm`).
         min_height_m: height over the plane under which a point is the table's, m.
         noise_gain: how many times the camera's axial noise is added to `min_height_m`; ours.
         max_height_m: height over the plane up to which points count, m.
