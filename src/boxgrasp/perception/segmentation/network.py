@@ -49,6 +49,7 @@ _FAR_ATTRACTION: Final = 0.02  # less for cells three steps away: near ones are 
 _ATTRACTING: Final = 4  # offsets along u and v by 1 and 3; farther ones only keep apart
 _NEAREST: Final = 2  # offsets by 1, which never keep apart: a cut there would be noise
 _LEAST_CELLS: Final = 40  # of a thing; smaller pieces go to what they touch
+_MARGIN_CELLS: Final = 16  # round the points: what the network sees beside a thing
 _RINGS: Final = 2  # of cells round a thing whose points are its own: its rim is too mixed to tell
 
 
@@ -167,6 +168,9 @@ def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
 def thing_image(network: Network, image: DepthImage) -> NDArray[np.int64]:
     """Which thing each cell of the image shows.
 
+    The network sees only the part of the image in which points over the plane are shown, and a
+    margin round it.
+
     Args:
         network: what tells.
         image: of any size; it is thinned to the focal length that the network was trained on.
@@ -174,15 +178,32 @@ def thing_image(network: Network, image: DepthImage) -> NDArray[np.int64]:
     Returns:
         (rows, columns) int64, -1 for none; a cell is `step` times `cell_px` pixels wide.
     """
-    step = _step(network, image)
-    depth = image.depth_m[::step, ::step]
-    inputs = network_inputs(depth, image.height_m[::step, ::step], image.focal_px / step)
-    cell = network.cell_px
-    depth, height = depth[::cell, ::cell], image.height_m[::step, ::step][::cell, ::cell]
-    said = network.probabilities(inputs)[:, : depth.shape[0], : depth.shape[1]]
+    step, cell = _step(network, image), network.cell_px
+    depth, height = (of[::step, ::step] for of in (image.depth_m, image.height_m))
+    shown = _shown_cells(image, step * cell, depth[::cell, ::cell].shape)
+    things = np.full(shown.shape, -1, dtype=np.int64)
+    if not shown.any():
+        return things
+    cells, pixels = _window(shown, cell)
+    inputs = network_inputs(depth, height, image.focal_px / step, pixels)
+    rows, columns = things[cells].shape
+    said = network.probabilities(inputs)[:, :rows, :columns]
     measured = (depth > 0) & (height > _LEAST_HEIGHT_M)
-    things = _grouped(said, measured & (said[0] > _THING), network.offsets)
-    return grown_within(things, _shown_cells(image, step * cell, things.shape), _RINGS)
+    inside = measured[::cell, ::cell][cells] & (said[0] > _THING)
+    things[cells] = _grouped(said, inside, network.offsets)
+    return grown_within(things, shown, _RINGS)
+
+
+def _window(shown: NDArray[np.bool_], cell_px: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """The part of the image round the shown cells, in cells and in pixels."""
+    most = _MULTIPLE_PX // cell_px
+    cells = []
+    for axis in (0, 1):
+        held = np.flatnonzero(shown.any(axis=1 - axis))
+        first = (max(int(held[0]) - _MARGIN_CELLS, 0) // most) * most  # as the whole is divided
+        cells.append(slice(first, min(int(held[-1]) + 1 + _MARGIN_CELLS, shown.shape[axis])))
+    pixels = (slice(of.start * cell_px, of.stop * cell_px) for of in cells)
+    return tuple(cells), tuple(pixels)
 
 
 def _cell_px(network: Network, image: DepthImage) -> int:
@@ -196,20 +217,25 @@ def _step(network: Network, image: DepthImage) -> int:
 
 
 def network_inputs(
-    depth_m: NDArray[np.float32], height_m: NDArray[np.float32], focal_px: float
+    depth_m: NDArray[np.float32],
+    height_m: NDArray[np.float32],
+    focal_px: float,
+    window: tuple[slice, ...] = (slice(None), slice(None)),
 ) -> NDArray[np.float32]:
-    """The image as the network takes it, filled up to multiples of 16 pixels.
+    """A part of an image as the network takes it, filled up to multiples of 16 pixels.
 
     Args:
         depth_m: (h, w) float32, 0 where it is missing.
         height_m: (h, w) float32 over the support plane.
         focal_px: px.
+        window: rows and columns of the part; the mean depth is the whole image's.
 
     Returns:
         (7, ...) float32: height, measured, slopes and bends along u and v, depth about its mean.
     """
+    mean = depth_m.sum() / max(np.count_nonzero(depth_m), 1)
+    depth_m, height_m = depth_m[window], height_m[window]
     measured = depth_m > 0
-    mean = depth_m.sum() / max(np.count_nonzero(measured), 1)
     slope_u, bend_u = _slope_and_bend(depth_m, 1, focal_px)
     slope_v, bend_v = _slope_and_bend(depth_m, 0, focal_px)
     channels = (
