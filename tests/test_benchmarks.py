@@ -69,8 +69,8 @@ def test_captures_without_captures_does_nothing(tmp_path: Path) -> None:
 def test_labelled_captures_judges_two(labeled_dir: Path) -> None:
     out = printed("labelled_captures", BOXGRASP_LABELED=str(labeled_dir))
     lines = out.splitlines()
-    assert lines[0] == "2 labeled captures" and len(lines) == 1 + 2 * 3
-    for name in ("split", "euclidean"):
+    assert lines[0] == "2 labeled captures" and len(lines) == 1 + 3 * 3
+    for name in ("split", "euclidean", "network"):
         (line,) = (row for row in lines if row.startswith(name))
         figures = {key: float(value) for key, value in re.findall(r"(\b[PRF]) ([\d.]+)", line)}
         assert set(figures) >= {"P", "R", "F"} and figures["P"] > 0.5 and figures["R"] > 0.5
