@@ -8,22 +8,25 @@ import numpy as np
 
 from boxgrasp import GraspSelector
 from boxgrasp.perception.segmentation import SEGMENTATIONS
-from boxgrasp.perception.segmentation.euclidean import euclidean_clusters
+from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
+from boxgrasp.perception.segmentation.protocol import Segments
 from boxgrasp.simulate import build_scene, to_capture
 from boxgrasp.simulate.demo import DEMO_SPEC
 
 
-def by_color(points, colors, camera_position_m, config):
+def by_color(seen, config):
     """Things that touch are two where one is red, green or blue and the other is not."""
-    clusters = euclidean_clusters(points, colors, camera_position_m, config)
-    if colors is None:
-        return clusters
-    colors = np.nan_to_num(colors)  # (K, 3), NaN where no camera saw the point
+    clusters = clusters_without_specks(seen.points, config.cluster_tolerance_m)
+    if seen.colors is None:
+        return Segments.all_objects(clusters)
+    colors = np.nan_to_num(seen.colors)  # (K, 3), NaN where no camera saw the point
     strongest = np.argmax(colors, axis=1)
     vivid = colors.max(axis=1) > 2.0 * np.median(colors, axis=1)
-    pairs = np.column_stack((clusters, np.where(vivid, strongest, 3)))
+    kept = clusters >= 0  # -1: noise, no thing
+    pairs = np.column_stack((clusters, np.where(vivid, strongest, 3)))[kept]
     _, ids = np.unique(pairs, axis=0, return_inverse=True)
-    return np.where(clusters < 0, -1, ids.reshape(-1))  # -1: noise, no thing
+    clusters[kept] = ids.reshape(-1)
+    return Segments.all_objects(clusters)
 
 
 SEGMENTATIONS["by-color"] = f"{__name__}:by_color"  # module:function, found by its name

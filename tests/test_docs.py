@@ -609,7 +609,7 @@ def test_what_the_extending_page_adds_works(
     heights_m = [c.T_base_gripper[2, 3] for c in sorted(ranked.candidates, key=lambda c: c.rank)]
     assert np.all(np.diff(heights_m) > -0.001)
     # A segmentation: the lamp over the can becomes one object with it.
-    monkeypatch.setitem(SEGMENTATIONS, "plan", "plan:plan_clusters")
+    monkeypatch.setitem(SEGMENTATIONS, "plan", "plan:plan_segments")
     found = GraspSelector({"scene": {"segmentation": "plan"}}).objects(view)
     assert len(found) == len(GraspSelector().objects(view)) - 1
 
