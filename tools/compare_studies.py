@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from boxgrasp.ranking.onnx.guard import parse
+from boxgrasp.onnx.guard import parse
 
 NO_FIGURES = ("made_with", "schema")
 
