@@ -233,7 +233,7 @@ def network_inputs(
     Returns:
         (7, ...) float32: height, measured, slopes and bends along u and v, depth about its mean.
     """
-    mean = depth_m.sum() / max(np.count_nonzero(depth_m), 1)
+    mean = depth_m.sum() / max(int(np.count_nonzero(depth_m)), 1)
     depth_m, height_m = depth_m[window], height_m[window]
     measured = depth_m > 0
     slope_u, bend_u = _slope_and_bend(depth_m, 1, focal_px)
