@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import boxgrasp
 from boxgrasp import GraspSelector, errors
@@ -256,7 +257,7 @@ def _is_array(name: str, space: dict[str, Any]) -> bool:
 
 
 def _holds_array(value: Any) -> bool:
-    if typing.get_origin(value) is np.ndarray:
+    if typing.get_origin(value) in (np.ndarray, NDArray):  # the latter from numpy 2.5 on
         return True
     return any(_holds_array(part) for part in typing.get_args(value))
 

@@ -263,7 +263,8 @@ def from_parquet(data: bytes) -> Rows:
     """
     pa, pq = _arrow()
     try:
-        table = pq.read_table(io.BytesIO(data))
+        # Arrow's threads would still hold the bytes when Python ends, and abort it now and then.
+        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
     except (pa.ArrowInvalid, OSError) as error:
         raise ConfigError(f"not a part of a set: {error}") from None
     return Rows({name: _array(pa, table.column(name)) for name in table.column_names})
