@@ -16,7 +16,8 @@ from PIL import Image
 
 from boxgrasp import Capture, GraspSelector, Target, load_capture
 from boxgrasp.errors import ModelError
-from boxgrasp.kernels.mutex import grown_within, mutex_watershed, mutex_watershed_naive
+from boxgrasp.kernels.mutex import mutex_watershed, mutex_watershed_naive
+from boxgrasp.kernels.plan import grow
 from boxgrasp.onnx.session import DIGEST_KEY, RECORD_KEY, digest
 from boxgrasp.perception.segmentation.network import WEIGHTS, network_inputs, read_network
 
@@ -49,7 +50,7 @@ def test_growing_takes_as_many_rings_as_told(seed: int, rings: int) -> None:
     seeds = np.where(
         inside & (rng.random(inside.shape) < 0.1), rng.integers(0, 3, inside.shape), -1
     )
-    grown = grown_within(seeds, inside, rings)
+    grown = grow(seeds, inside, rings)
     assert (grown[seeds >= 0] == seeds[seeds >= 0]).all() and (grown[~inside] == -1).all()
     reached = seeds >= 0
     for _ in range(rings):  # cells within so many steps along inside cells

@@ -115,7 +115,16 @@ def bucket(member: NDArray[np.int64], cells: int) -> tuple[NDArray[np.int64], ND
 
 
 @jit
-def _root(parent: NDArray[np.int64], k: int) -> int:
+def root(parent: NDArray[np.int64], k: int) -> int:
+    """The root of an element in a union-find forest; halves the path to it.
+
+    Args:
+        parent: (N,) int64, changed.
+        k: the element.
+
+    Returns:
+        Its root.
+    """
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -154,7 +163,7 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
                     if table[at] == -1:
                         continue
                     b = value[at]
-                    ra, rb = _root(parent, a), _root(parent, b)
+                    ra, rb = root(parent, a), root(parent, b)
                     if ra == rb:
                         continue
                     joined = False
@@ -176,7 +185,7 @@ def euclidean_clusters(points: Points, radius_m: float) -> NDArray[np.int64]:
     clusters = np.empty(points.shape[0], dtype=np.int64)
     found = 0
     for i in range(points.shape[0]):
-        r = _root(parent, member[i])
+        r = root(parent, member[i])
         if names[r] == -1:
             names[r] = found
             found += 1

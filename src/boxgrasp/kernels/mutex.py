@@ -6,14 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.kernels._jit import jit
-
-
-@jit
-def _root(parent: NDArray[np.int64], cell: int) -> int:
-    while parent[cell] != cell:
-        parent[cell] = parent[parent[cell]]
-        cell = parent[cell]
-    return cell
+from boxgrasp.kernels.cells import root
 
 
 @jit
@@ -28,7 +21,7 @@ def _apart(
     """Whether a mutex of group `one` holds against group `other`."""
     at = head[one]
     while at >= 0:
-        if _root(parent, against[at]) == other:
+        if root(parent, against[at]) == other:
             return True
         at = following[at]
     return False
@@ -62,7 +55,7 @@ def mutex_watershed(
     following = np.full(2 * edges, -1, dtype=np.int64)
     against = np.empty(2 * edges, dtype=np.int64)
     for e in range(edges):
-        a, b = _root(parent, first[e]), _root(parent, second[e])
+        a, b = root(parent, first[e]), root(parent, second[e])
         if a == b:
             continue
         one, other = (a, b) if length[a] <= length[b] else (b, a)
@@ -92,7 +85,7 @@ def mutex_watershed(
                 length[own] += 1
     groups = np.empty(count, dtype=np.int64)
     for cell in range(count):
-        groups[cell] = _root(parent, cell)
+        groups[cell] = root(parent, cell)
     return groups
 
 
@@ -124,35 +117,3 @@ def mutex_watershed_naive(
         elif not joins:
             barred.append((a, b))
     return groups
-
-
-@jit
-def grown_within(
-    seeds: NDArray[np.int64], inside: NDArray[np.bool_], rings: int
-) -> NDArray[np.int64]:
-    """Seeds grown over the inside cells for some rings; the lower number wins a tie.
-
-    Args:
-        seeds: (nx, ny) int64, -1 for none.
-        inside: (nx, ny) bool.
-        rings: how often each seed grows by its eight neighbors.
-
-    Returns:
-        (nx, ny) int64.
-    """
-    grown = seeds.copy()
-    nx, ny = grown.shape
-    for _ in range(rings):
-        before = grown.copy()
-        for x in range(nx):
-            for y in range(ny):
-                if not inside[x, y] or before[x, y] != -1:
-                    continue
-                best = 1 << 60
-                for a in range(max(x - 1, 0), min(x + 2, nx)):
-                    for b in range(max(y - 1, 0), min(y + 2, ny)):
-                        if before[a, b] >= 0:
-                            best = min(best, before[a, b])
-                if best < 1 << 60:
-                    grown[x, y] = best
-    return grown

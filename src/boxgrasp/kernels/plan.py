@@ -9,6 +9,7 @@ from boxgrasp.arrays import Points
 from boxgrasp.kernels._jit import jit
 
 _TOP_BAND_M = 0.012  # m under the top, where its color is taken
+_ALL_RINGS = 1 << 40  # more than any grid has
 
 
 @jit
@@ -234,21 +235,25 @@ def inward(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 @jit
-def grow(seeds: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+def grow(
+    seeds: NDArray[np.int64], inside: NDArray[np.bool_], most_rings: int = _ALL_RINGS
+) -> NDArray[np.int64]:
     """Seeds grown over the inside cells, ring by ring; the lower number wins a tie.
 
     Args:
         seeds: (nx, ny) int64 patch of each cell, -1 for none.
         inside: (nx, ny) bool.
+        most_rings: how often each seed grows by its eight neighbors at most.
 
     Returns:
         (nx, ny) int64.
     """
     grown = seeds.copy()
     nx, ny = grown.shape
-    changed = True
-    while changed:
+    changed, rings = True, 0
+    while changed and rings < most_rings:
         changed = False
+        rings += 1
         before = grown.copy()
         for x in range(nx):
             for y in range(ny):

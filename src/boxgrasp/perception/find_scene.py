@@ -26,7 +26,7 @@ from boxgrasp.perception.segmentation import NEED_IMAGE, WITHOUT_IMAGE, segmenta
 from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Segments
 from boxgrasp.perception.support_plane import patch_over
 from boxgrasp.perception.view import View, scan_views, seen_points
-from boxgrasp.sensing.capture import Capture, Pixels
+from boxgrasp.sensing.capture import Capture
 
 
 def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
@@ -52,11 +52,11 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, placement, config)
     voxels = downsampled(over, config.voxel_m)
-    shown, voxel_of = pixels[first_rows], voxels.voxel_of[: len(first_rows)]
+    shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
-    colors = _voxel_colors(capture, shown, voxel_of, len(voxels.centroids))
+    colors = _voxel_colors(capture, shown, len(voxels.centroids))
     needed = config.segmentation in NEED_IMAGE
-    image = _depth_image(capture, view, placement, ShownPoints(shown, voxel_of)) if needed else None
+    image = _depth_image(capture, view, placement, shown) if needed else None
     segments = _segments(voxels.centroids, colors, image, placement, config)
     clusters = segments.clusters
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
@@ -79,7 +79,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_table=placement.T_base_table,
         views=views,
         warnings=_warnings(config, image),
-        _shown=_shown_points(shown, voxel_of, kept),
+        _shown=_of_kept(shown, kept),
     )
 
 
@@ -96,12 +96,10 @@ def _points_over(
     return np.vstack([points for points, _ in found]), found[0][1]
 
 
-def _voxel_colors(
-    capture: Capture, shown: Pixels, voxel_of: NDArray[np.int64], count: int
-) -> Points | None:
+def _voxel_colors(capture: Capture, shown: ShownPoints, count: int) -> Points | None:
     """(V, 3) mean color of each voxel; None without colors."""
     flat = capture.rgb.reshape(-1, 3) if capture.rgb is not None else capture.colors
-    return None if flat is None else voxel_colors(flat[shown], voxel_of, count)
+    return None if flat is None else voxel_colors(flat[shown.pixels], shown.rows, count)
 
 
 def _depth_image(
@@ -132,7 +130,7 @@ def _segments(
         np.ascontiguousarray(centroids[kept]),
         None if colors is None else colors[kept],
         camera_position_m,
-        None if image is None else _of_kept(image, kept),
+        None if image is None else _image_of_kept(image, kept),
     )
     segments = segmentation_named(_segmentation(config, image))(seen, config)
     clusters = np.full(len(centroids), -1, dtype=np.int64)
@@ -140,11 +138,16 @@ def _segments(
     return Segments(clusters, segments.objects)
 
 
-def _of_kept(image: DepthImage, kept: NDArray[np.bool_]) -> DepthImage:
-    """The image with rows among the kept points alone."""
-    shown = kept[image.rows]
-    rows = (np.cumsum(kept) - 1)[image.rows[shown]]
-    return replace(image, pixels=image.pixels[shown], rows=rows)
+def _image_of_kept(image: DepthImage, kept: NDArray[np.bool_]) -> DepthImage:
+    shown = _of_kept(ShownPoints(image.pixels, image.rows), kept)
+    return replace(image, pixels=shown.pixels, rows=shown.rows)
+
+
+def _of_kept(shown: ShownPoints, kept: NDArray[np.bool_]) -> ShownPoints:
+    """The pixels of the kept points alone, with their rows among these."""
+    held = kept[shown.rows]
+    rows = (np.cumsum(kept) - 1)[shown.rows[held]]
+    return ShownPoints(readonly(shown.pixels[held]), readonly(rows))
 
 
 def _segmentation(config: SceneConfig, image: DepthImage | None) -> str:
@@ -159,11 +162,3 @@ def _warnings(config: SceneConfig, image: DepthImage | None) -> tuple[CodedWarni
         return ()
     said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
     return (CodedWarning("segmentation_without_image", said),)
-
-
-def _shown_points(
-    shown: Pixels, voxel_of: NDArray[np.int64], kept: NDArray[np.bool_]
-) -> ShownPoints:
-    """Which kept voxel each pixel shows, but those whose voxel was left out."""
-    rows = np.where(kept, np.cumsum(kept) - 1, -1)[voxel_of]
-    return ShownPoints(readonly(shown[rows >= 0]), readonly(rows[rows >= 0]))

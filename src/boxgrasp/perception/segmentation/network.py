@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError, SceneError
-from boxgrasp.kernels.mutex import grown_within, mutex_watershed
+from boxgrasp.kernels.mutex import mutex_watershed
+from boxgrasp.kernels.plan import grow
 from boxgrasp.onnx.session import open_session, record_of
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
@@ -180,7 +181,8 @@ def thing_image(network: Network, image: DepthImage) -> NDArray[np.int64]:
     """
     step, cell = _step(network, image), network.cell_px
     depth, height = (of[::step, ::step] for of in (image.depth_m, image.height_m))
-    shown = _shown_cells(image, step * cell, depth[::cell, ::cell].shape)
+    shown = np.zeros(depth[::cell, ::cell].shape, dtype=np.bool_)
+    shown[_cells_of_pixels(image, step * cell, shown.shape)] = True  # a point over the plane
     things = np.full(shown.shape, -1, dtype=np.int64)
     if not shown.any():
         return things
@@ -191,7 +193,7 @@ def thing_image(network: Network, image: DepthImage) -> NDArray[np.int64]:
     measured = (depth > 0) & (height > _LEAST_HEIGHT_M)
     inside = measured[::cell, ::cell][cells] & (said[0] > _THING)
     things[cells] = _grouped(said, inside, network.offsets)
-    return grown_within(things, shown, _RINGS)
+    return grow(things, shown, _RINGS)
 
 
 def _window(shown: NDArray[np.bool_], cell_px: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
@@ -285,7 +287,7 @@ def _grouped(
     _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     group = group.reshape(-1)
     things[inside] = np.where(sizes[group] >= _LEAST_CELLS, group, -1)
-    return grown_within(things, inside, max(inside.shape))
+    return grow(things, inside, max(inside.shape))
 
 
 def _edges(
@@ -310,21 +312,19 @@ def _edges(
     return first[kept], second[kept], weight[kept], attract[kept]
 
 
-def _shown_cells(image: DepthImage, cell_px: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Cells in which a point over the plane is shown."""
-    v, u = np.divmod(image.pixels, image.depth_m.shape[1])
-    shown = np.zeros(shape, dtype=np.bool_)
-    shown[np.minimum(v // cell_px, shape[0] - 1), np.minimum(u // cell_px, shape[1] - 1)] = True
-    return shown
+def _cells_of_pixels(
+    image: DepthImage, cell_px: int, shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(S,) row and (S,) column of the cell that each pixel of a point lies in."""
+    v, u = np.divmod(image.pixels.astype(np.int64), image.depth_m.shape[1])
+    return np.minimum(v // cell_px, shape[0] - 1), np.minimum(u // cell_px, shape[1] - 1)
 
 
 def _clusters_of(
     things: NDArray[np.int64], image: DepthImage, cell_px: int, count: int
 ) -> Clusters:
     """(K,) the thing that most of a point's pixels show, ids without gaps; -1 for none."""
-    v, u = np.divmod(image.pixels.astype(np.int64), image.depth_m.shape[1])
-    last = np.array(things.shape) - 1
-    shown = things[np.minimum(v // cell_px, last[0]), np.minimum(u // cell_px, last[1])] + 1
+    shown = things[_cells_of_pixels(image, cell_px, things.shape)] + 1
     kinds = int(shown.max(initial=0)) + 1
     votes = np.bincount(image.rows * kinds + shown, minlength=count * kinds).reshape(count, kinds)
     best = np.argmax(votes, axis=1) - 1
