@@ -3,14 +3,44 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
-from typing import Any
+from collections.abc import Callable, Collection
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, TypeVar
 
 from boxgrasp.errors import MissingExtraError, ModelError
 from boxgrasp.onnx import guard
 
 # Keys of the ONNX file's metadata: the record, and the digest of graph and record.
 RECORD_KEY, DIGEST_KEY = "boxgrasp", "boxgrasp_sha256"
+
+T = TypeVar("T")
+
+
+def load_file(source: str | PathLike[str], load: Callable[[bytes], T]) -> T:
+    """What a file holds; whatever is wrong with it is said with its path.
+
+    Args:
+        source: the file's path.
+        load: called with its bytes.
+
+    Returns:
+        What `load` returns.
+
+    Raises:
+        ModelError: unreadable, or as `load` says.
+        MissingExtraError: as `load` says.
+    """
+    try:
+        data = Path(source).read_bytes()
+    except OSError as error:
+        raise ModelError(f"{fspath(source)}: {error.strerror or error}") from None
+    except ValueError as error:  # a name with a zero byte
+        raise ModelError(f"{fspath(source)!r}: {error}") from None
+    try:
+        return load(data)
+    except ModelError as error:
+        raise ModelError(f"{fspath(source)}: {error}") from None
 
 
 def digest(graph: bytes, record: bytes) -> str:

@@ -20,7 +20,7 @@ from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError, SceneError
 from boxgrasp.kernels.mutex import mutex_watershed
 from boxgrasp.kernels.plan import grow
-from boxgrasp.onnx.session import open_session, record_of
+from boxgrasp.onnx.session import load_file, open_session, record_of
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
 from boxgrasp.perception.segmentation.protocol import (
@@ -129,12 +129,7 @@ def shipped_network() -> Network:
         ModelError: its file is damaged.
         MissingExtraError: onnxruntime is not installed.
     """
-    try:
-        return read_network(WEIGHTS.read_bytes())
-    except OSError as error:
-        raise ModelError(f"{WEIGHTS}: {error.strerror or error}") from None
-    except ModelError as error:
-        raise ModelError(f"{WEIGHTS}: {error}") from None
+    return load_file(WEIGHTS, read_network)
 
 
 def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:

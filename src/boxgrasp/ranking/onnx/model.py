@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import ModelError
 from boxgrasp.grasps.candidates import label_of
-from boxgrasp.onnx.session import open_session, record_of
+from boxgrasp.onnx.session import load_file, open_session, record_of
 from boxgrasp.ranking.onnx.record import Record, from_json
 
 Classes = NDArray[np.int64]
@@ -92,18 +92,7 @@ def load_model(source: bytes | str | PathLike[str]) -> Model:
         ModelError: unreadable, damaged, no record, another format, more than plain arithmetic.
         MissingExtraError: onnxruntime is not installed.
     """
-    if isinstance(source, bytes):
-        return _load(source)
-    try:
-        data = Path(source).read_bytes()
-    except OSError as error:
-        raise ModelError(f"{fspath(source)}: {error.strerror or error}") from None
-    except ValueError as error:  # a name with a zero byte
-        raise ModelError(f"{fspath(source)!r}: {error}") from None
-    try:
-        return _load(data)
-    except ModelError as error:
-        raise ModelError(f"{fspath(source)}: {error}") from None
+    return _load(source) if isinstance(source, bytes) else load_file(source, _load)
 
 
 def _load(data: bytes) -> Model:
