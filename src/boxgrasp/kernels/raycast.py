@@ -1,4 +1,4 @@
-"""One ray a pixel against boxes, cylinders and horizontal planes: depth and the solid it meets."""
+"""One ray a pixel against solids and thin shells: depth and the solid it meets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,73 @@ import numpy as np
 from boxgrasp.arrays import Array
 from boxgrasp.kernels._jit import jit
 
-BOX, CYLINDER, PLANE = 0, 1, 2
+BOX, CYLINDER, PLANE, CONE, CUP, BALL, BOWL = 0, 1, 2, 3, 4, 5, 6
+WALL_M = 0.003  # of cups and bowls
+
+
+@jit
+def round_hit(kind: int, size: Array, origin: Array, direction: Array) -> float:
+    """Where a ray first meets a solid or shell of revolution.
+
+    Args:
+        kind: `CONE` (cut off, closed), `CUP` (the same, open at the top), `BALL` (an ellipsoid) or
+            `BOWL` (its lower half, open).
+        size: (3,) lower radius, upper radius, half height, or the half axes, m.
+        origin: (3,) of the ray, in the solid's frame, m.
+        direction: (3,) of the ray.
+
+    Returns:
+        In lengths of `direction`, infinity where it misses.
+    """
+    best = np.inf
+    if kind == BALL or kind == BOWL:
+        shells = 2 if kind == BOWL else 1
+        for shell in range(shells):
+            a = b = c = 0.0
+            for k in range(3):
+                half = size[k] - shell * WALL_M
+                o, d = origin[k] / half, direction[k] / half
+                a, b, c = a + d * d, b + o * d, c + o * o
+            root = b * b - a * (c - 1.0)
+            if root < 0.0:
+                continue
+            root = np.sqrt(root)
+            for sign in (-1.0, 1.0):
+                t = (-b + sign * root) / a
+                open_half = kind == BOWL and origin[2] + t * direction[2] > 0.0
+                if 0.0 < t < best and not open_half:
+                    best = t
+        return best
+    lower, upper, h = size[0], size[1], size[2]
+    grows = (upper - lower) / (2.0 * h)
+    shells = 2 if kind == CUP else 1
+    for shell in range(shells):
+        middle = (lower + upper) / 2.0 - shell * WALL_M
+        bottom = -h + shell * WALL_M
+        radius = middle + grows * origin[2]
+        a = direction[0] ** 2 + direction[1] ** 2 - (grows * direction[2]) ** 2
+        b = origin[0] * direction[0] + origin[1] * direction[1] - grows * direction[2] * radius
+        c = origin[0] ** 2 + origin[1] ** 2 - radius * radius
+        root = b * b - a * c
+        if root >= 0.0 and abs(a) > 1e-12:
+            root = np.sqrt(root)
+            for sign in (-1.0, 1.0):
+                t = (-b + sign * root) / a
+                z = origin[2] + t * direction[2]
+                if 0.0 < t < best and bottom <= z <= h:
+                    best = t
+        if direction[2] != 0.0:
+            t = (bottom - origin[2]) / direction[2]
+            x, y = origin[0] + t * direction[0], origin[1] + t * direction[1]
+            if 0.0 < t < best and x * x + y * y <= (middle + grows * bottom) ** 2:
+                best = t
+    if direction[2] != 0.0:  # the top: closed, or a rim
+        t = (h - origin[2]) / direction[2]
+        x, y = origin[0] + t * direction[0], origin[1] + t * direction[1]
+        inner = upper - WALL_M if kind == CUP else 0.0
+        if 0.0 < t < best and inner * inner <= x * x + y * y <= upper * upper:
+            best = t
+    return best
 
 
 @jit
@@ -26,10 +92,11 @@ def raycast(
     """Nearest surface of P solids for the pixels of rows [row_start, row_stop).
 
     Args:
-        kinds: (P,) int, `BOX`, `CYLINDER` or `PLANE`.
+        kinds: (P,) int, `BOX`, `CYLINDER`, `PLANE` or one that `round_hit` knows.
         rotations: (P, 3, 3), of the camera's frame seen from each solid's.
         origins: (P, 3), its origin there, m.
-        sizes: (P, 3) half lengths (box), radius, radius, half height (cylinder), unused (plane), m.
+        sizes: (P, 3) half lengths (box), radius, radius, half height (cylinder), unused (plane),
+            else as `round_hit` takes them, m.
         rectangles: (P, 4) int pixel bounds u0, u1, v0, v1 of each solid, half open.
         focal: (4,) fx, fy, cx, cy, px.
         row_start: row.
@@ -39,6 +106,7 @@ def raycast(
     """
     depth[row_start:row_stop] = np.inf
     index[row_start:row_stop] = -1
+    ray = np.empty(3)
     fx, fy, cx, cy = focal[0], focal[1], focal[2], focal[3]
     for p in range(kinds.shape[0]):
         kind = kinds[p]
@@ -55,8 +123,11 @@ def raycast(
                 a = (u - cx) / fx
                 dz = r[2, 0] * a + az
                 near, far = -np.inf, np.inf
-                # Every solid is convex: the ray is inside between `near` and `far`.
-                if kind == PLANE:
+                # These are convex: the ray is inside between `near` and `far`.
+                if kind > PLANE:
+                    ray[0], ray[1], ray[2] = r[0, 0] * a + ax, r[1, 0] * a + ay, dz
+                    near = round_hit(kind, sizes[p], origins[p], ray)
+                elif kind == PLANE:
                     if dz == 0.0:
                         continue
                     near = -oz / dz

@@ -12,7 +12,7 @@ from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, validate_transform
 from boxgrasp.kernels._threads import run_chunks
-from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, paint, raycast
+from boxgrasp.kernels.raycast import BOX, CONE, CUP, CYLINDER, PLANE, paint, raycast
 from boxgrasp.sensing.sensor_model import FOCAL_PX
 from boxgrasp.simulate.primitives import Box, Cylinder, Primitive
 
@@ -118,12 +118,10 @@ def cast(
     K = np.asarray(intrinsics, dtype=np.float64)
     focal = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
     T = validate_transform(T_base_camera, "T_base_camera")
-    poses = [invert(p.T_base_solid) @ T for p in primitives]
-    bounds = [
-        _rectangle(invert(pose), p, focal, shape) for pose, p in zip(poses, primitives, strict=True)
-    ]
-    rectangles = np.array(bounds, dtype=np.int64)
-    solids = _solid_arrays(primitives, poses)
+    kinds = np.array([_kind(p) for p in primitives], dtype=np.int32)
+    halves = np.ascontiguousarray([p.half_size for p in primitives])
+    rays = SolidsSeen.of(kinds, np.array([p.T_base_solid for p in primitives]), halves, T)
+    rectangles = rays.rectangles(focal, shape)
     colors = np.array([*(p.color for p in primitives), SKY], dtype=np.uint8)
     numbers = np.array([*(p.object_id for p in primitives), -1], dtype=np.int32)
     exact, index = np.empty(shape), np.empty(shape, dtype=np.int32)
@@ -131,9 +129,9 @@ def cast(
     rgb = np.empty((*shape, 3), dtype=np.uint8)
 
     def rows(start: int, stop: int) -> None:
-        raycast(*solids, rectangles, focal, start, stop, exact, index)
+        raycast(*rays.arrays, rectangles, focal, start, stop, exact, index)
         paint(
-            *solids, colors, numbers, _LIGHT, shading, focal, start, stop,
+            *rays.arrays, colors, numbers, _LIGHT, shading, focal, start, stop,
             exact, index, depth, rgb, object_ids,
         )  # fmt: skip
 
@@ -141,16 +139,77 @@ def cast(
     return CastView(readonly(depth), readonly(rgb), readonly(object_ids), readonly(index))
 
 
-def _solid_arrays(
-    primitives: Sequence[Primitive], T_solid_camera: Sequence[Floats]
-) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
-    """Kinds (P,), rotations (P, 3, 3), origins (P, 3) and half sizes (P, 3) for the kernels."""
-    return (
-        np.array([_kind(p) for p in primitives], dtype=np.int32),
-        np.ascontiguousarray([T[:3, :3] for T in T_solid_camera]),
-        np.ascontiguousarray([T[:3, 3] for T in T_solid_camera]),
-        np.ascontiguousarray([p.half_size for p in primitives]),
-    )
+@dataclass(frozen=True, eq=False)
+class SolidsSeen:
+    """P solids as the kernels of the ray caster take them.
+
+    Attributes:
+        kinds: (P,) int32, of `kernels.raycast`.
+        T_solid_camera: (P, 4, 4).
+        sizes: (P, 3), as `raycast` takes them, m.
+    """
+
+    kinds: NDArray[np.int32]
+    T_solid_camera: Floats
+    sizes: Floats
+
+    @staticmethod
+    def of(
+        kinds: NDArray[np.int32], T_base_solid: Floats, sizes: Floats, T_base_camera: Floats
+    ) -> SolidsSeen:
+        """Solids that stand in the base frame, before a camera.
+
+        Args:
+            kinds: (P,) int32.
+            T_base_solid: (P, 4, 4).
+            sizes: (P, 3), m.
+            T_base_camera: (4, 4), optical frame.
+
+        Returns:
+            The solids.
+        """
+        poses = np.array([invert(T) @ T_base_camera for T in T_base_solid])
+        return SolidsSeen(kinds, poses, sizes)
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
+        """Kinds (P,), rotations (P, 3, 3), origins (P, 3) and sizes (P, 3) for the kernels."""
+        return (
+            self.kinds,
+            np.ascontiguousarray(self.T_solid_camera[:, :3, :3]),
+            np.ascontiguousarray(self.T_solid_camera[:, :3, 3]),
+            self.sizes,
+        )
+
+    def rectangles(self, focal: Floats, shape: tuple[int, int]) -> NDArray[np.int64]:
+        """Pixels outside which no ray meets a solid.
+
+        Args:
+            focal: (4,) fx, fy, cx, cy, px.
+            shape: height and width, px.
+
+        Returns:
+            (P, 4) int64 u0, u1, v0, v1, half open.
+        """
+        each = zip(self.kinds, self.T_solid_camera, self.sizes, strict=True)
+        found = [_rectangle(invert(T), half_size(kind, s), focal, shape) for kind, T, s in each]
+        return np.array(found, dtype=np.int64)
+
+
+def half_size(kind: int, size: Floats) -> Floats:
+    """Half lengths of the box that holds a solid.
+
+    Args:
+        kind: of `kernels.raycast`.
+        size: (3,), as `raycast` takes it, m.
+
+    Returns:
+        (3,) m.
+    """
+    if kind not in (CONE, CUP):
+        return size
+    radius = max(size[0], size[1])
+    return np.array([radius, radius, size[2]])
 
 
 def _kind(primitive: Primitive) -> int:
@@ -160,12 +219,11 @@ def _kind(primitive: Primitive) -> int:
 
 
 def _rectangle(
-    T_camera_solid: Floats, primitive: Primitive, focal: Floats, shape: tuple[int, int]
+    T_camera_solid: Floats, half: Floats, focal: Floats, shape: tuple[int, int]
 ) -> tuple[int, int, int, int]:
     """Pixel bounds u0, u1, v0, v1 (half open) outside which no ray meets the solid."""
     height, width = shape
     whole = (0, width, 0, height)
-    half = primitive.half_size
     if not np.isfinite(half).all():
         return whole
     signs = np.array([(i & 1, i >> 1 & 1, i >> 2) for i in range(8)]) * 2.0 - 1.0

@@ -1,0 +1,275 @@
+"""Tables as ugly as real ones: full, stacked, cut by edges, before walls and chairs, hands in view.
+
+They teach a network to tell things apart. The study's tables are those of `scenes`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Floats
+from boxgrasp.geometry.transforms import make_transform, rotation_z
+from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, raycast
+from boxgrasp.simulate.camera import SolidsSeen, look_at
+from boxgrasp.simulate.household import Rng, Thing, about_x, draw_thing, spun
+
+NO_THING = 0  # floor, tables, walls, chairs, the robot's own hand
+UNTOLD = -1  # wires: neither thing nor table
+
+_CELL_M = 0.01  # of the map in which things are kept apart
+_SIDE_M = 2.4  # of that map
+_TRIES = 8
+_MOST_OVERLAP = 0.02  # of a thing's cells, from which it would stand in another
+_SLIDE_M = 0.006  # steps in which a thing comes near another
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a camera without noise sees of such a table; z = 0 is its top.
+
+    Attributes:
+        depth_m: (H, W) float32 along the optical axis, 0 where nothing is.
+        things: (H, W) int32, from 1, `NO_THING` or `UNTOLD`.
+        focal_px: px.
+        center_px: (2,) u, v where the optical axis meets the image; it may lie outside.
+        T_table_camera: (4, 4), optical frame.
+    """
+
+    depth_m: NDArray[np.float32]
+    things: NDArray[np.int32]
+    focal_px: float
+    center_px: tuple[float, float]
+    T_table_camera: Floats
+
+
+@dataclass(eq=False)
+class _Table:
+    """The solids so far, and which cells of the table are taken."""
+
+    kinds: list[int] = field(default_factory=list)
+    poses: list[Floats] = field(default_factory=list)
+    sizes: list[Floats] = field(default_factory=list)
+    things: list[int] = field(default_factory=list)
+    taken: NDArray[np.bool_] = field(
+        default_factory=lambda: np.zeros((int(_SIDE_M / _CELL_M),) * 2, dtype=np.bool_)
+    )
+
+    def add(self, kind: int, T: Floats, size: Floats, thing: int) -> None:
+        self.kinds.append(kind)
+        self.poses.append(T)
+        self.sizes.append(size)
+        self.things.append(thing)
+
+    def put(self, thing: Thing, T: Floats, number: int) -> None:
+        for kind, pose, size in zip(thing.kinds, thing.T_thing_solid, thing.sizes, strict=True):
+            self.add(int(kind), T @ pose, size, number)
+
+    def cells(self, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        at = np.floor(points[:, :2] / _CELL_M + self.taken.shape[0] / 2).astype(np.int64)
+        np.clip(at, 0, self.taken.shape[0] - 1, out=at)
+        return at[:, 0], at[:, 1]
+
+    def free(self, points: Floats) -> bool:
+        return float(self.taken[self.cells(points)].mean()) <= _MOST_OVERLAP
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A thing where it stands."""
+
+    thing: Thing
+    place: Floats
+    reach_m: float
+    yaw: float
+
+
+def draw_view(rng: Rng, shape: tuple[int, int]) -> View:
+    """Cast a random table from a random camera.
+
+    Args:
+        rng: draws all of it.
+        shape: height and width of the image, px; it is a part of a whole camera's.
+
+    Returns:
+        The view.
+    """
+    table = _Table()
+    half = _ground(table, rng)
+    placed = _things(table, half, rng)
+    elevation = rng.uniform(0.17, 1.5)
+    range_m = float(np.exp(rng.uniform(np.log(0.4), np.log(2.4))))
+    spacing_m = rng.uniform(0.0013, 0.0062)  # of pixels, on what is looked at
+    gaze = np.zeros(3)
+    if placed:
+        gaze = placed[int(rng.integers(len(placed)))].place + (*rng.uniform(-0.05, 0.05, 2), 0.03)
+    azimuth = rng.uniform(-np.pi, np.pi)
+    flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    eye = gaze + range_m * np.array([*flat, np.sin(elevation)])
+    T = _rolled(look_at(eye, gaze), rng)
+    _round_about(table, half, azimuth, rng)
+    if rng.random() < 0.15:
+        _hand(table, eye, gaze, rng)
+    focal_px = float(np.clip(range_m / spacing_m, 180.0, 1200.0))
+    away = rng.uniform(-0.3, 0.3, 2) * shape[::-1]
+    center = (shape[1] / 2 + away[0], shape[0] / 2 + away[1])
+    solids = SolidsSeen.of(
+        np.array(table.kinds, dtype=np.int32), np.array(table.poses), np.array(table.sizes), T
+    )
+    focal = np.array([focal_px, focal_px, *center])
+    depth, index = np.empty(shape), np.empty(shape, dtype=np.int32)
+    raycast(*solids.arrays, solids.rectangles(focal, shape), focal, 0, shape[0], depth, index)
+    numbers = np.array([*table.things, NO_THING], dtype=np.int32)
+    depth[~np.isfinite(depth)] = 0.0
+    return View(depth.astype(np.float32), numbers[index], focal_px, center, T)
+
+
+def _rolled(T: Floats, rng: Rng) -> Floats:
+    """The camera, in one view of five held askew."""
+    if rng.random() > 0.2:
+        return T
+    return T @ make_transform(rotation_z(float(rng.normal(0.0, 0.15))), np.zeros(3))
+
+
+def _ground(table: _Table, rng: Rng) -> Floats:
+    """Floor, the table, and now and then a second one; the first one's half lengths, m."""
+    half = rng.uniform(0.2, 0.9, 2)
+    thick = rng.uniform(0.008, 0.03)
+    if rng.random() < 0.2:
+        half[1] = half[0]
+        table.add(CYLINDER, _at(z=-thick), np.array([half[0], half[0], thick]), NO_THING)
+    else:
+        table.add(BOX, _at(z=-thick), np.array([*half, thick]), NO_THING)
+    floor = _at(z=-rng.uniform(0.3, 0.9))
+    table.add(PLANE, floor, np.array([np.inf, np.inf, 0.0]), NO_THING)
+    if rng.random() < 0.2:
+        other = rng.uniform(0.2, 0.7, 2)
+        top = float(rng.choice((-1, 1)) * rng.uniform(0.01, 0.12))
+        aside = half[0] + other[0] + rng.uniform(0.0, 0.05)
+        place = _at(aside, rng.uniform(-0.2, 0.2), top - 0.015)
+        table.add(BOX, place, np.array([*other, 0.015]), NO_THING)
+    return half
+
+
+def _at(x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> Floats:
+    """The pose of what stands level."""
+    return make_transform(rotation_z(yaw), (x, y, z))
+
+
+def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
+    """Things spread, touching, aligned, stacked."""
+    spread = np.minimum(half, rng.uniform(0.08, 0.45))
+    touching, stacking = rng.uniform(0.1, 0.8), rng.uniform(0.0, 0.25)
+    middle = rng.uniform(-1, 1, 2) * np.maximum(half - spread, 0.0)
+    placed: list[_Placed] = []
+    for number in range(1, int(rng.integers(2, 18))):
+        thing = spun(draw_thing(rng), rng)
+        reach = float(np.abs(thing.lattice[:, :2]).max())
+        found = None
+        if placed and rng.random() < stacking:
+            found = _stacked(thing, reach, placed, rng)
+        elif placed and rng.random() < touching:
+            thing, found = _touching(table, thing, placed, rng)
+        for _ in range(_TRIES):
+            if found is not None:
+                break
+            at = np.array([*(middle + rng.uniform(-1, 1, 2) * spread), 0.0])
+            found = at if table.free(thing.lattice + at) else None
+        if found is None or (found[2] == 0 and (np.abs(found[:2]) > half).any()):
+            continue
+        table.put(thing, _at(*found), number)
+        if found[2] == 0:
+            table.taken[table.cells(thing.lattice + found)] = True
+        yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
+        placed.append(_Placed(thing, found, reach, yaw))
+    if rng.random() < 0.15:
+        _wire(table, middle, rng)
+    return placed
+
+
+def _stacked(thing: Thing, reach: float, placed: list[_Placed], rng: Rng) -> Floats | None:
+    """A place on another thing's flat top."""
+    under = placed[int(rng.integers(len(placed)))]
+    if under.thing.top_m == 0.0 or reach > 1.4 * under.reach_m:
+        return None
+    if any(abs(p.place[2] - under.place[2] - under.thing.top_m) < 1e-9 for p in placed):
+        return None  # at that height stands another already
+    off = rng.uniform(-0.4, 0.4, 2) * under.reach_m
+    return under.place + (off[0], off[1], under.thing.top_m)
+
+
+def _touching(
+    table: _Table, thing: Thing, placed: list[_Placed], rng: Rng
+) -> tuple[Thing, Floats | None]:
+    """The thing, mostly turned as its neighbor, and the nearest free place beside that."""
+    beside = placed[int(rng.integers(len(placed)))]
+    if beside.place[2] > 0:
+        return thing, None
+    angle = rng.uniform(-np.pi, np.pi)
+    if rng.random() < 0.6:
+        own = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
+        thing = thing.turned(rotation_z(beside.yaw - own + float(rng.normal(0.0, 0.04))))
+        angle = beside.yaw + rng.integers(4) * np.pi / 2
+    points, way = thing.lattice, np.array([np.cos(angle), np.sin(angle), 0.0])
+    across = np.array([-way[1], way[0], 0.0]) * rng.uniform(-0.5, 0.5) * beside.reach_m
+    for away in np.arange(0.0, 0.35, _SLIDE_M):
+        at = beside.place + across + away * way
+        if table.free(points + at):
+            return thing, at - way * rng.uniform(0.0, 0.006)
+    return thing, None
+
+
+def _wire(table: _Table, middle: Floats, rng: Rng) -> None:
+    """A cable that winds over the table."""
+    at, heading = np.array([*(middle + rng.uniform(-0.2, 0.2, 2)), 0.0]), rng.uniform(-3, 3)
+    radius, half = rng.uniform(0.002, 0.004), 0.015
+    for _ in range(int(rng.integers(10, 30))):
+        heading += rng.normal(0.0, 0.35)
+        way = np.array([np.cos(heading), np.sin(heading), 0.0])
+        turn = rotation_z(float(heading) - np.pi / 2) @ about_x(np.pi / 2)
+        place = make_transform(turn, at + half * way + (0.0, 0.0, radius))
+        table.add(CYLINDER, place, np.array([radius, radius, half * 1.1]), UNTOLD)
+        at = at + 2 * half * way
+
+
+def _round_about(table: _Table, half: Floats, azimuth: float, rng: Rng) -> None:
+    """Walls and chairs behind the table as the camera sees it."""
+    away = -np.array([np.cos(azimuth), np.sin(azimuth)])
+    yaw = azimuth + rng.normal(0.0, 0.3)
+    if rng.random() < 0.4:
+        at = away * (float(np.hypot(*half)) + rng.uniform(0.02, 1.0))
+        table.add(BOX, _at(at[0], at[1], 0.5, yaw), np.array([0.02, 3.0, 1.5]), NO_THING)
+    if rng.random() < 0.25:
+        side = np.array([-away[1], away[0]]) * rng.uniform(-0.3, 0.3)
+        at = away * (float(half.max()) + rng.uniform(0.05, 0.3)) + side
+        tall, wide = rng.uniform(0.0, 0.35), rng.uniform(0.15, 0.25)
+        table.add(BOX, _at(at[0], at[1], tall - 0.1, yaw), np.array([0.015, wide, 0.1]), NO_THING)
+        for sign in (-1, 1):
+            post = at + sign * wide * np.array([-np.sin(yaw), np.cos(yaw)])
+            table.add(
+                BOX, _at(post[0], post[1], tall - 0.3, yaw), np.array([0.02, 0.02, 0.35]), NO_THING
+            )
+    if rng.random() < 0.15:  # a screen or a rack on the table itself, at its far end
+        at = away * (float(half.min()) - rng.uniform(0.03, 0.1))
+        tall = rng.uniform(0.1, 0.3)
+        size = np.array([rng.uniform(0.01, 0.08), rng.uniform(0.15, 0.4), tall])
+        table.add(BOX, _at(at[0], at[1], tall, yaw), size, NO_THING)
+
+
+def _hand(table: _Table, eye: Floats, gaze: Floats, rng: Rng) -> None:
+    """The robot's own hand between camera and table: a palm, two fingers, a forearm."""
+    share = rng.uniform(0.45, 0.8)
+    at = eye + share * (gaze - eye) + (*rng.uniform(-0.15, 0.15, 2), rng.uniform(0.0, 0.1))
+    if at[2] < 0.2:
+        return
+    turn = rotation_z(float(rng.uniform(-3, 3))) @ about_x(float(rng.normal(0.0, 0.4)))
+    T = make_transform(turn, at)
+    for x, z, size in (
+        (0.0, 0.0, (0.10, 0.035, 0.03)),
+        (-0.05, -0.065, (0.01, 0.012, 0.035)),
+        (0.05, -0.065, (0.01, 0.012, 0.035)),
+        (0.0, 0.2, (0.045, 0.045, 0.17)),
+    ):
+        table.add(BOX, T @ _at(x, 0.0, z), np.array(size), NO_THING)
