@@ -25,6 +25,8 @@ class SceneConfig:
         cluster_tolerance_m: points nearer than this are one object, m.
         segmentation: `euclidean` is the thesis's; `split` also parts things that stand closer;
             `network` tells things apart in the depth image (extra `svm`).
+        network: path of a network that `boxgrasp train segmentation` wrote, None for the one that
+            ships.
         min_height_m: height over the plane under which a point is the table's, m.
         noise_gain: how many times the camera's axial noise is added to `min_height_m`; ours.
         max_height_m: height over the plane up to which points count, m.
@@ -42,6 +44,7 @@ class SceneConfig:
     voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
     cluster_tolerance_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
     segmentation: str = "split"
+    network: str | None = None
     min_height_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
     noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
     max_height_m: Meters = 1.0

@@ -80,6 +80,10 @@ class SegmentationConfig(Protocol):
     def cluster_tolerance_m(self) -> float:
         """Points nearer than this are one thing, m."""
 
+    @property
+    def network(self) -> str | None:
+        """Path of the network's file, None for the one that ships."""
+
 
 class Segmentation(Protocol):
     """A function that says which points over the support plane belong together."""

@@ -1,0 +1,1 @@
+"""The segmentation network's own training: examples cast as it goes, the network, the loop."""
