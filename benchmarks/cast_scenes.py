@@ -31,7 +31,7 @@ from boxgrasp import BoxgraspError, GraspSelector, Selection
 from boxgrasp.simulate import to_capture, true_box
 from boxgrasp.study import intervals
 
-SEGMENTATIONS = ("split", "euclidean")
+SEGMENTATIONS = ("network", "split", "euclidean")
 LOWER_BOUNDS = ("width_x_lower_bound", "width_y_lower_bound")
 WRONG_M = 0.015
 BATCH = 16

@@ -1,7 +1,7 @@
 """Objects found on labeled real captures, one segmentation beside the other.
 
     python benchmarks/labelled_captures.py [FOLDER] [--segmentation split euclidean] [--scenes]
-                                           [--pictures DIR]
+                                           [--network FILE] [--pictures DIR]
 
 FOLDER holds a folder a capture: `depth.png`, `intrinsics.json`, perhaps `color.jpg`, and
 `labels.png`, the truth: 0 nothing, 1 the table, 2 and up an object each. Each capture is segmented
@@ -150,7 +150,8 @@ def draw(capture: Capture, truth: Numbers, found: Numbers, path: Path) -> None:
 
 def measure(folders: list[Path], segmentation: str, args: argparse.Namespace) -> None:
     """Segment and judge every capture; print a line, and one a capture where asked."""
-    selector = GraspSelector({"scene": {"segmentation": segmentation}})
+    scene = {"segmentation": segmentation, "network": args.network}
+    selector = GraspSelector({"scene": scene})
     selector.warm_up()
     results, milliseconds = [], []
     for folder in folders:
@@ -183,6 +184,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument(
         "--segmentation", nargs="+", choices=tuple(SEGMENTATIONS), default=list(SEGMENTATIONS)
     )
+    parser.add_argument("--network", metavar="FILE", help="another network than the shipped one")
     parser.add_argument("--scenes", action="store_true", help="a line a capture too")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw every capture here")
     parser.add_argument("--most", type=int, metavar="N", help="only the first N captures")

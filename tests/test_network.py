@@ -122,7 +122,7 @@ def test_the_shipped_file_is_small_and_says_how_it_was_made() -> None:
 def test_images_of_any_size_are_taken(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     depth = np.where(rng.random(shape) < 0.9, 0.8, 0.0).astype(np.float32)
-    inputs = network_inputs(depth, depth * 0, 262.5)
+    inputs = network_inputs(depth, depth * 0, 262.5, 0.8)
     assert inputs.shape[0] == 7 and all(size % 16 == 0 for size in inputs.shape[1:])
     assert np.isfinite(inputs).all() and np.abs(inputs).max() <= 4.0
     said = read_network(WEIGHTS.read_bytes()).probabilities(inputs)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError, SceneError
+from boxgrasp.kernels.flood import flood
 from boxgrasp.kernels.mutex import mutex_watershed
 from boxgrasp.kernels.plan import grow
 from boxgrasp.onnx.session import load_file, open_session, record_of
@@ -32,7 +33,17 @@ from boxgrasp.perception.segmentation.protocol import (
 
 WEIGHTS = Path(__file__).parent / "weights" / "network.onnx"
 _OPERATORS: Final = frozenset(("Conv", "Relu", "Concat", "Resize"))
-_FORMAT: Final = 1
+FORMAT: Final = 1  # of the record
+# What the channels of the network's input are, in the words of the record.
+INPUT_NAMES: Final = (
+    "height over the plane / 8 cm",
+    "measured",
+    "slope along u / 2",
+    "slope along v / 2",
+    "bend along u / 2",
+    "bend along v / 2",
+    "depth about a middle / 15 cm",
+)
 
 # As the network was trained.
 _HEIGHT_SCALE_M: Final = 0.08
@@ -49,9 +60,16 @@ _LEAST_HEIGHT_M: Final = 0.004  # a cell of the table's own noise is no thing
 _FAR_ATTRACTION: Final = 0.02  # less for cells three steps away: near ones are joined first
 _ATTRACTING: Final = 4  # offsets along u and v by 1 and 3; farther ones only keep apart
 _NEAREST: Final = 2  # offsets by 1, which never keep apart: a cut there would be noise
-_LEAST_CELLS: Final = 40  # of a thing; smaller pieces go to what they touch
+_LEAST_CELLS: Final = 40  # smaller pieces go to what they touch
+_FEWEST_CELLS: Final = 6  # of a piece that touches nothing; smaller ones are none
+_FAR_M: Final = 1.25  # from where things are looked at more finely than the focal length asks
+_MOST_CELLS: Final = 20_000  # that the network sees at once: a 640 x 480 image at every 2nd pixel
 _MARGIN_CELLS: Final = 16  # round the points: what the network sees beside a thing
-_RINGS: Final = 2  # of cells round a thing whose points are its own: its rim is too mixed to tell
+_RINGS: Final = 2  # of cells round a thing in which nothing is sure to be none
+# Changes of depth from pixel to pixel along which answers spread, smooth ones first, at 1 m and
+# nearer; a larger one is an outline.
+_LIMITS_M: Final = (0.004, 0.008, 0.016, 0.03)
+_NONE: Final = 1 << 30  # number of what is none while answers spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +119,8 @@ def read_network(data: bytes) -> Network:
         raise ModelError("the file is damaged: graph and record do not match their digest")
     try:
         record = json.loads(text)
-        if record["kind"] != "segmentation" or record["format"] != _FORMAT:
-            raise ModelError(f"the record is not of a segmentation network, format {_FORMAT}")
+        if record["kind"] != "segmentation" or record["format"] != FORMAT:
+            raise ModelError(f"the record is not of a segmentation network, format {FORMAT}")
         offsets = tuple((int(v), int(u)) for v, u in record["offsets"])
         focal_px, cell_px = float(record["focal_px"]), int(record["cell_px"])
     except (ValueError, KeyError, TypeError):
@@ -119,17 +137,20 @@ def read_network(data: bytes) -> Network:
 
 
 @cache
-def shipped_network() -> Network:
-    """The network that ships, read once a process.
+def network_of(path: str | None) -> Network:
+    """The network of a file, read once a process.
+
+    Args:
+        path: of an ONNX file, None for the one that ships.
 
     Returns:
         The network.
 
     Raises:
-        ModelError: its file is damaged.
+        ModelError: the file cannot be read, is damaged or no network.
         MissingExtraError: onnxruntime is not installed.
     """
-    return load_file(WEIGHTS, read_network)
+    return load_file(WEIGHTS if path is None else path, read_network)
 
 
 def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
@@ -144,14 +165,13 @@ def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
 
     Raises:
         SceneError: there is no image.
-        ModelError: the network's file is damaged.
+        ModelError: the network's file cannot be read, is damaged or no network.
         MissingExtraError: onnxruntime is not installed.
     """
     if seen.image is None:
         raise SceneError("segmentation by the network needs an image; valid: split, euclidean")
-    network = shipped_network()
-    things = thing_image(network, seen.image)
-    clusters = _clusters_of(things, seen.image, _cell_px(network, seen.image), len(seen.points))
+    network = network_of(config.network)
+    clusters = _clusters_of(thing_image(network, seen.image), seen.image, len(seen.points))
     found = int(clusters.max(initial=-1)) + 1
     rest = np.flatnonzero(clusters < 0)
     points = np.ascontiguousarray(seen.points[rest])
@@ -161,77 +181,120 @@ def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
     return Segments(clusters, np.arange(count) < found)
 
 
-def thing_image(network: Network, image: DepthImage) -> NDArray[np.int64]:
-    """Which thing each cell of the image shows.
+@dataclass(frozen=True, eq=False)
+class ThingImage:
+    """Which thing each pixel of a part of an image, thinned, shows.
+
+    Attributes:
+        things: (h, w) int64, -1 for none.
+        depth_m: (h, w) float32, 0 where it is missing.
+        first_px: (v, u) of its first pixel in the image.
+        step: every so many-th pixel of the image is there.
+    """
+
+    things: NDArray[np.int64]
+    depth_m: NDArray[np.float32]
+    first_px: tuple[int, int]
+    step: int
+
+
+def thing_image(network: Network, image: DepthImage) -> ThingImage:
+    """Tell things apart in an image.
 
     The network sees only the part of the image in which points over the plane are shown, and a
-    margin round it.
+    margin round it. It answers for one pixel of each cell; from there its answers spread along
+    the surface.
 
     Args:
         network: what tells.
-        image: of any size; it is thinned to the focal length that the network was trained on.
+        image: of any size and focal length; at least one pixel shows a point.
 
     Returns:
-        (rows, columns) int64, -1 for none; a cell is `step` times `cell_px` pixels wide.
+        Things, numbered with gaps.
     """
-    step, cell = _step(network, image), network.cell_px
-    depth, height = (of[::step, ::step] for of in (image.depth_m, image.height_m))
-    shown = np.zeros(depth[::cell, ::cell].shape, dtype=np.bool_)
-    shown[_cells_of_pixels(image, step * cell, shown.shape)] = True  # a point over the plane
-    things = np.full(shown.shape, -1, dtype=np.int64)
-    if not shown.any():
-        return things
-    cells, pixels = _window(shown, cell)
-    inputs = network_inputs(depth, height, image.focal_px / step, pixels)
-    rows, columns = things[cells].shape
+    middle_m = float(np.median(image.depth_m.reshape(-1)[image.pixels]))
+    step, cell = _step(network, image, middle_m), network.cell_px
+    cells = _window(_shown_cells(image, step * cell))
+    pixels = tuple(slice(of.start * cell, of.stop * cell) for of in cells)
+    depth, height = (of[::step, ::step][pixels] for of in (image.depth_m, image.height_m))
+    inputs = network_inputs(depth, height, image.focal_px / step, middle_m)
+    asked = np.s_[::cell, ::cell]
+    rows, columns = depth[asked].shape
     said = network.probabilities(inputs)[:, :rows, :columns]
     measured = (depth > 0) & (height > _LEAST_HEIGHT_M)
-    inside = measured[::cell, ::cell][cells] & (said[0] > _THING)
-    things[cells] = _grouped(said, inside, network.offsets)
-    return grow(things, shown, _RINGS)
+    shows = measured[asked] & (said[0] > _THING)
+    sure = _sure(depth)[asked]  # the network was never told what outlines show
+    grouped = _grouped(said, shows & sure, network.offsets)
+    things = np.full(depth.shape, -1, dtype=np.int64)
+    # Round a thing its rim is too mixed to tell; farther away what is none is sure to be none.
+    none = (grouped < 0) & (grow(grouped, np.ones_like(sure), _RINGS) < 0)
+    things[asked] = np.where(none, _NONE, grouped)
+    flood(depth, things, depth > 0, np.array(_LIMITS_M))
+    things[things == _NONE] = -1
+    return ThingImage(things, depth, (pixels[0].start * step, pixels[1].start * step), step)
 
 
-def _window(shown: NDArray[np.bool_], cell_px: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """The part of the image round the shown cells, in cells and in pixels."""
-    most = _MULTIPLE_PX // cell_px
-    cells = []
+def _sure(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Pixels whose neighbors lie on one surface with them: no outline's."""
+    sure = depth_m > 0
+    limit = _LIMITS_M[-1] * np.maximum(depth_m, 1.0) ** 2
     for axis in (0, 1):
-        held = np.flatnonzero(shown.any(axis=1 - axis))
-        first = (max(int(held[0]) - _MARGIN_CELLS, 0) // most) * most  # as the whole is divided
-        cells.append(slice(first, min(int(held[-1]) + 1 + _MARGIN_CELLS, shown.shape[axis])))
-    pixels = (slice(of.start * cell_px, of.stop * cell_px) for of in cells)
-    return tuple(cells), tuple(pixels)
+        for by in (1, -1):
+            sure &= np.abs(np.roll(depth_m, by, axis) - depth_m) <= limit
+    return sure
 
 
-def _cell_px(network: Network, image: DepthImage) -> int:
-    """Edge of a cell in the image itself, px."""
-    return _step(network, image) * network.cell_px
+def _shown_cells(image: DepthImage, cell_px: int) -> NDArray[np.bool_]:
+    """(rows, columns) whether a point over the plane is shown there."""
+    shape = tuple(-(-side // cell_px) for side in image.depth_m.shape)
+    shown = np.zeros(shape, dtype=np.bool_)
+    shown[_cells_of_pixels(image, cell_px, shape)] = True
+    return shown
 
 
-def _step(network: Network, image: DepthImage) -> int:
-    """Every so many-th pixel gives an image of about the network's focal length."""
-    return max(1, round(image.focal_px / network.focal_px))
+def _window(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """The rows and columns round the shown cells, with a margin."""
+    held = [np.flatnonzero(shown.any(axis=1 - axis)) for axis in (0, 1)]
+    first, last = zip(*((int(of[0]), int(of[-1]) + 1) for of in held), strict=True)
+    rows, columns = (
+        slice(max(a - _MARGIN_CELLS, 0), min(b + _MARGIN_CELLS, side))
+        for a, b, side in zip(first, last, shown.shape, strict=True)
+    )
+    return rows, columns
+
+
+def _step(network: Network, image: DepthImage, middle_m: float) -> int:
+    """Every so many-th pixel is looked at: as fine on things as in training, within bounds.
+
+    An image of about the network's focal length, a finer one where things are far; a coarser one
+    where they are all over a large image, so that the time is bounded.
+    """
+    wanted = image.focal_px / (network.focal_px * max(1.0, middle_m / _FAR_M))
+    step = max(1, round(wanted))
+    while True:
+        window = _window(_shown_cells(image, step * network.cell_px))
+        if np.prod([side.stop - side.start for side in window]) <= _MOST_CELLS:
+            return step
+        step += 1
 
 
 def network_inputs(
     depth_m: NDArray[np.float32],
     height_m: NDArray[np.float32],
     focal_px: float,
-    window: tuple[slice, ...] = (slice(None), slice(None)),
+    middle_m: float,
 ) -> NDArray[np.float32]:
-    """A part of an image as the network takes it, filled up to multiples of 16 pixels.
+    """An image as the network takes it, filled up to multiples of 16 pixels.
 
     Args:
         depth_m: (h, w) float32, 0 where it is missing.
         height_m: (h, w) float32 over the support plane.
         focal_px: px.
-        window: rows and columns of the part; the mean depth is the whole image's.
+        middle_m: a depth among the things', m.
 
     Returns:
-        (7, ...) float32: height, measured, slopes and bends along u and v, depth about its mean.
+        (7, ...) float32: height, measured, slopes and bends along u and v, depth about the middle.
     """
-    mean = depth_m.sum() / max(int(np.count_nonzero(depth_m)), 1)
-    depth_m, height_m = depth_m[window], height_m[window]
     measured = depth_m > 0
     slope_u, bend_u = _slope_and_bend(depth_m, 1, focal_px)
     slope_v, bend_v = _slope_and_bend(depth_m, 0, focal_px)
@@ -242,7 +305,7 @@ def network_inputs(
         slope_v / 2,
         bend_u / 2,
         bend_v / 2,
-        np.clip((depth_m - mean) / _DEPTH_SCALE_M, -_CLIP, _CLIP) * measured,
+        np.clip((depth_m - middle_m) / _DEPTH_SCALE_M, -_CLIP, _CLIP) * measured,
     )
     height, width = depth_m.shape
     filled = np.zeros((7, height + -height % _MULTIPLE_PX, width + -width % _MULTIPLE_PX))
@@ -282,7 +345,10 @@ def _grouped(
     _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     group = group.reshape(-1)
     things[inside] = np.where(sizes[group] >= _LEAST_CELLS, group, -1)
-    return grow(things, inside, max(inside.shape))
+    things = grow(things, inside, max(inside.shape))
+    alone = np.where(sizes[group] >= _FEWEST_CELLS, group, -1)  # touches nothing larger
+    things[inside] = np.where(things[inside] >= 0, things[inside], alone)
+    return things
 
 
 def _edges(
@@ -315,11 +381,31 @@ def _cells_of_pixels(
     return np.minimum(v // cell_px, shape[0] - 1), np.minimum(u // cell_px, shape[1] - 1)
 
 
-def _clusters_of(
-    things: NDArray[np.int64], image: DepthImage, cell_px: int, count: int
-) -> Clusters:
+def _shown_things(found: ThingImage, image: DepthImage) -> NDArray[np.int64]:
+    """(S,) the thing that each pixel of a point shows: of four round it the nearest in depth."""
+    height, width = found.things.shape
+    v, u = np.divmod(image.pixels.astype(np.int64), image.depth_m.shape[1])
+    (v, dv), (u, du) = (
+        np.divmod(of - first, found.step) for of, first in zip((v, u), found.first_px, strict=True)
+    )
+    depth = image.depth_m.reshape(-1)[image.pixels]
+    things = np.full(len(depth), -1, dtype=np.int64)
+    least = np.float32(_LIMITS_M[-1]) * np.maximum(depth, 1) ** 2
+    for down in (0, 1):
+        for right in (0, 1):
+            y = np.clip(v + down * (dv > 0), 0, height - 1)
+            x = np.clip(u + right * (du > 0), 0, width - 1)
+            there = found.depth_m[y, x]
+            off = np.where(there > 0, np.abs(there - depth), np.float32(np.inf))
+            nearer = off < least
+            least[nearer] = off[nearer]
+            things[nearer] = found.things[y, x][nearer]
+    return things
+
+
+def _clusters_of(found: ThingImage, image: DepthImage, count: int) -> Clusters:
     """(K,) the thing that most of a point's pixels show, ids without gaps; -1 for none."""
-    shown = things[_cells_of_pixels(image, cell_px, things.shape)] + 1
+    shown = _shown_things(found, image) + 1
     kinds = int(shown.max(initial=0)) + 1
     votes = np.bincount(image.rows * kinds + shown, minlength=count * kinds).reshape(count, kinds)
     best = np.argmax(votes, axis=1) - 1
