@@ -1,7 +1,4 @@
-"""The models that ship: an SVM's first choice alone (the thesis), and with the checks after it.
-
-Needs the extra `svm`.
-"""
+"""The models that ship: an SVM's first choice alone (the thesis), and with the checks after it."""
 
 from boxgrasp import GraspSelector
 from boxgrasp.simulate.scenario import Recipe, draw_scenario, targets_of

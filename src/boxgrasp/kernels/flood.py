@@ -57,3 +57,37 @@ def flood(depth: Array, labels: Array, open_mask: Array, limits_m: Array) -> Non
                     labels[nv, nu] = labels[v, u]
                     queue[count] = nv * width + nu
                     count += 1
+
+
+@jit
+def nearest_labels(
+    pixels: Array, width: int, full_depth: Array, first: Array, step: int, depth: Array,
+    labels: Array, most_m: float, out: Array,
+) -> None:  # fmt: skip
+    """The label of each pixel: of the four thinned pixels round it the one nearest in depth.
+
+    Args:
+        pixels: (S,) int32, flat pixels v * W + u of the image.
+        width: W.
+        full_depth: (H * W,) float32, m.
+        first: (2,) int64 v, u of the thinned image's first pixel in the image.
+        step: every so many-th pixel is in the thinned image.
+        depth: (h, w) float32 of the thinned image, m, 0 where it is missing.
+        labels: (h, w) int64.
+        most_m: a pixel farther off has no label, times the square of the depth over 1 m.
+        out: (S,) int64 to fill, -1 for no label.
+    """
+    rows, columns = depth.shape
+    for k in range(pixels.shape[0]):
+        v, u = pixels[k] // width - first[0], pixels[k] % width - first[1]
+        here = full_depth[pixels[k]]
+        least = most_m * max(1.0, here * here)
+        out[k] = -1
+        for down in range(2 if v % step else 1):
+            for right in range(2 if u % step else 1):
+                y, x = v // step + down, u // step + right
+                if 0 <= y < rows and 0 <= x < columns and depth[y, x] > 0.0:
+                    off = abs(depth[y, x] - here)
+                    if off < least:
+                        least = off
+                        out[k] = labels[y, x]

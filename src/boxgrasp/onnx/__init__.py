@@ -1,1 +1,1 @@
-"""ONNX files: what they may hold, and how they are run (extra `svm`)."""
+"""ONNX files: what they may hold, and how they are run."""

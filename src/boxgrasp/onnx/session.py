@@ -94,7 +94,7 @@ def open_session(data: bytes, operators: Collection[str]) -> Any:
         import onnxruntime as ort
     except ImportError:
         raise MissingExtraError(
-            "trained models need onnxruntime; install with: pip install 'boxgrasp[svm]'"
+            "trained models need onnxruntime; install with: pip install onnxruntime"
         ) from None
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -23,8 +23,8 @@ class SceneConfig:
         max_range_m: likewise, m. Things beyond are obstacles, but no objects.
         voxel_m: edge of the voxels that points are downsampled to, m.
         cluster_tolerance_m: points nearer than this are one object, m.
-        segmentation: `euclidean` is the thesis's; `split` also parts things that stand closer;
-            `network` tells things apart in the depth image (extra `svm`).
+        segmentation: `network` tells things apart in the depth image; `split` parts them in the
+            cloud, at gaps and steps; `euclidean` is the thesis's.
         network: path of a network that `boxgrasp train segmentation` wrote, None for the one that
             ships.
         min_height_m: height over the plane under which a point is the table's, m.
@@ -43,7 +43,7 @@ class SceneConfig:
     max_range_m: Meters = 1.6
     voxel_m: Annotated[float, Meta(ge=0.001, le=0.02)] = 0.003
     cluster_tolerance_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
-    segmentation: str = "split"
+    segmentation: str = "network"
     network: str | None = None
     min_height_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
     noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5

@@ -34,26 +34,31 @@ class Thing:
         T_thing_solid: (P, 4, 4).
         sizes: (P, 3), as `raycast` takes them, m.
         top_m: height of a flat top that may carry another thing, 0 for none, m.
+        hollow: whether small things may stand in it.
     """
 
     kinds: NDArray[np.int32]
     T_thing_solid: Floats
     sizes: Floats
     top_m: float = 0.0
+    hollow: bool = False
 
     @staticmethod
-    def of(solids: list[Solid], top_m: float = 0.0) -> Thing:
+    def of(solids: list[Solid], top_m: float = 0.0, hollow: bool = False) -> Thing:
         """A thing of solids.
 
         Args:
             solids: kind, pose and size of each.
             top_m: as `Thing.top_m`.
+            hollow: as `Thing.hollow`.
 
         Returns:
             The thing.
         """
         kinds, poses, sizes = zip(*solids, strict=True)
-        return Thing(np.array(kinds, dtype=np.int32), np.array(poses), np.array(sizes), top_m)
+        return Thing(
+            np.array(kinds, dtype=np.int32), np.array(poses), np.array(sizes), top_m, hollow
+        )
 
     def turned(self, rotation: Floats) -> Thing:
         """The thing turned and set down again on its lowest point.
@@ -62,14 +67,15 @@ class Thing:
             rotation: (3, 3).
 
         Returns:
-            The thing; a tilted one has no flat top.
+            The thing; a tilted one has no flat top, but for a box on its side, and holds nothing.
         """
         poses = make_transform(rotation, np.zeros(3)) @ self.T_thing_solid
+        if rotation[2, 2] > 1.0 - 1e-9:
+            return Thing(self.kinds, poses, self.sizes, self.top_m, self.hollow)
         tilted = Thing(self.kinds, poses, self.sizes)
-        level = bool(rotation[2, 2] > 1.0 - 1e-9)
-        rise = 0.0 if level else -float(tilted.lattice[:, 2].min())
-        poses[:, 2, 3] += rise
-        return Thing(self.kinds, poses, self.sizes, self.top_m if level else 0.0)
+        poses[:, 2, 3] -= tilted.lattice[:, 2].min()
+        on_side = len(poses) == 1 and self.kinds[0] == BOX and abs(rotation[2, 2]) < 1e-9
+        return Thing(self.kinds, poses, self.sizes, 2 * poses[0, 2, 3] if on_side else 0.0)
 
     @cached_property
     def lattice(self) -> Floats:
@@ -102,6 +108,25 @@ def draw_thing(rng: Rng) -> Thing:
     return draw(rng)
 
 
+def draw_small(rng: Rng) -> Thing:
+    """A random thing that may stand in a cup or bowl.
+
+    Args:
+        rng: draws kind and sizes.
+
+    Returns:
+        The thing, upright or leaning.
+    """
+    draw = (_fruit, _thin, _can)[int(rng.integers(3))]
+    thing = draw(rng)
+    if draw is _thin:
+        return thing.turned(about_x(np.pi / 2 + rng.uniform(-0.4, 0.4)))
+    shrunk = rng.uniform(0.4, 0.7)
+    poses = thing.T_thing_solid.copy()
+    poses[:, :3, 3] *= shrunk
+    return Thing(thing.kinds, poses, thing.sizes * shrunk)
+
+
 def _at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn: Floats | None = None) -> Floats:
     return make_transform(np.eye(3) if turn is None else turn, (x, y, z))
 
@@ -128,6 +153,18 @@ def _box(rng: Rng) -> Thing:
     return Thing.of([(BOX, _at(z=half[2]), half)], 2 * half[2])
 
 
+def _brick(rng: Rng) -> Thing:
+    """A box with studs, buttons or lids on it."""
+    half = rng.uniform((0.012, 0.025, 0.008), (0.05, 0.08, 0.04))
+    solids: list[Solid] = [(BOX, _at(z=half[2]), half)]
+    count, stud = int(rng.integers(1, 5)), rng.uniform(0.004, 0.012)
+    radius = min(half[0], half[1] / count) * rng.uniform(0.5, 0.9)
+    for place in (np.arange(count) + 0.5) / count * 2 - 1:
+        at = _at(y=place * half[1], z=2 * half[2] + stud)
+        solids.append((CYLINDER, at, _size(radius, radius, stud)))
+    return Thing.of(solids)
+
+
 def _carton(rng: Rng) -> Thing:
     """A cereal box, a book on its edge, a tea box: two sides long, one short."""
     half = _size(rng.uniform(0.02, 0.05), rng.uniform(0.05, 0.11), rng.uniform(0.06, 0.15))
@@ -149,6 +186,20 @@ def _thin(rng: Rng) -> Thing:
         wide = rng.uniform(0.008, 0.025)
         place = _at(y=half * rng.uniform(0.5, 1.0), z=radius)
         solids.append((BOX, place, _size(wide, rng.uniform(0.01, 0.03), radius)))
+    return Thing.of(solids)
+
+
+def _scissors(rng: Rng) -> Thing:
+    """Two crossed bars with rings or grips at one end: scissors, pliers, tongs."""
+    half, thick, angle = rng.uniform(0.05, 0.10), rng.uniform(0.004, 0.009), rng.uniform(0.1, 0.4)
+    solids: list[Solid] = []
+    for sign in (-1, 1):
+        turn = rotation_z(sign * angle / 2)
+        bar = _size(half, rng.uniform(0.005, 0.012), thick)
+        solids.append((BOX, make_transform(turn, (0.0, 0.0, thick)), bar))
+        grip = turn @ (-half, 0.0, 0.0) + (0.0, -sign * 0.012, thick)
+        radius = rng.uniform(0.012, 0.024)
+        solids.append((CYLINDER, make_transform(np.eye(3), grip), _size(radius, radius, thick)))
     return Thing.of(solids)
 
 
@@ -187,26 +238,27 @@ def _handle(radius: float, height: float, rng: Rng) -> list[Solid]:
 
 
 def _cup(rng: Rng) -> Thing:
-    lower, half = rng.uniform(0.025, 0.05), rng.uniform(0.03, 0.07)
-    upper = lower * rng.uniform(0.95, 1.4)
+    grown = 1.0 if rng.random() < 0.75 else rng.uniform(1.2, 2.0)  # a jug, a bin
+    lower, half = grown * rng.uniform(0.025, 0.05), grown * rng.uniform(0.03, 0.07)
+    upper = lower * rng.uniform(0.85, 1.4)
     solids: list[Solid] = [(CUP, _at(z=half), _size(lower, upper, half))]
     if rng.random() < 0.6:
         solids += _handle(max(lower, (lower + upper) / 2), 2 * half, rng)
-    return Thing.of(solids)
+    return Thing.of(solids, hollow=True)
 
 
 def _bowl(rng: Rng) -> Thing:
     if rng.random() < 0.5:
         radius = rng.uniform(0.05, 0.12)
         deep = radius * rng.uniform(0.35, 0.9)
-        return Thing.of([(BOWL, _at(z=deep), _size(radius, radius, deep))])
+        return Thing.of([(BOWL, _at(z=deep), _size(radius, radius, deep))], hollow=True)
     lower, half = rng.uniform(0.03, 0.09), rng.uniform(0.01, 0.045)  # a plate, a pan
     solids: list[Solid] = [(CUP, _at(z=half), _size(lower, lower * rng.uniform(1.1, 2.0), half))]
     if rng.random() < 0.3:
         long = rng.uniform(0.05, 0.1)
         place = _at(x=lower * 1.1 + long, z=2 * half)
         solids.append((BOX, place, _size(long, rng.uniform(0.008, 0.015), 0.005)))
-    return Thing.of(solids)
+    return Thing.of(solids, hollow=True)
 
 
 def _fruit(rng: Rng) -> Thing:
@@ -254,7 +306,8 @@ def _crate(rng: Rng) -> Thing:
             (BOX, _at(z=wall), _size(x, y, wall)),
             *((BOX, _at(x=s * x, z=z), _size(wall, y, z)) for s in (-1, 1)),
             *((BOX, _at(y=s * y, z=z), _size(x, wall, z)) for s in (-1, 1)),
-        ]
+        ],
+        hollow=True,
     )
 
 
@@ -290,15 +343,17 @@ def _study_objects() -> tuple[Thing, ...]:
 _KINDS: tuple[tuple[Callable[[Rng], Thing], float], ...] = (
     (_box, 4.0),
     (_carton, 1.5),
-    (_flat, 1.2),
-    (_thin, 1.0),
+    (_brick, 0.8),
+    (_flat, 1.5),
+    (_thin, 1.6),
+    (_scissors, 0.5),
     (_can, 2.5),
     (_bottle, 1.5),
-    (_cup, 2.5),
-    (_bowl, 1.8),
+    (_cup, 2.8),
+    (_bowl, 2.2),
     (_fruit, 0.8),
     (_bag, 0.6),
-    (_tool, 1.6),
+    (_tool, 2.2),
     (_crate, 0.4),
     (_mill, 0.8),
     (_of_the_study, 3.0),

@@ -14,7 +14,7 @@ from boxgrasp.arrays import Floats
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, raycast
 from boxgrasp.simulate.camera import SolidsSeen, look_at
-from boxgrasp.simulate.household import Rng, Thing, about_x, draw_thing, spun
+from boxgrasp.simulate.household import Rng, Thing, about_x, draw_small, draw_thing, spun
 
 NO_THING = 0  # floor, tables, walls, chairs, the robot's own hand
 UNTOLD = -1  # wires: neither thing nor table
@@ -23,6 +23,7 @@ _CELL_M = 0.01  # of the map in which things are kept apart
 _SIDE_M = 2.4  # of that map
 _TRIES = 8
 _MOST_OVERLAP = 0.02  # of a thing's cells, from which it would stand in another
+_HELD = 0.08  # of the things, tried to be put into a hollow one
 _SLIDE_M = 0.006  # steps in which a thing comes near another
 
 
@@ -161,14 +162,16 @@ def _at(x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> Flo
 def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
     """Things spread, touching, aligned, stacked."""
     spread = np.minimum(half, rng.uniform(0.08, 0.45))
-    touching, stacking = rng.uniform(0.1, 0.8), rng.uniform(0.0, 0.25)
+    touching, stacking = rng.uniform(0.1, 0.8), rng.uniform(0.0, 0.4)
     middle = rng.uniform(-1, 1, 2) * np.maximum(half - spread, 0.0)
     placed: list[_Placed] = []
     for number in range(1, int(rng.integers(2, 18))):
         thing = spun(draw_thing(rng), rng)
         reach = float(np.abs(thing.lattice[:, :2]).max())
         found = None
-        if placed and rng.random() < stacking:
+        if placed and rng.random() < _HELD:
+            thing, found = _held(thing, placed, rng)
+        elif placed and rng.random() < stacking:
             found = _stacked(thing, reach, placed, rng)
         elif placed and rng.random() < touching:
             thing, found = _touching(table, thing, placed, rng)
@@ -189,10 +192,20 @@ def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
     return placed
 
 
+def _held(thing: Thing, placed: list[_Placed], rng: Rng) -> tuple[Thing, Floats | None]:
+    """A small thing in place of this one, and a place in a hollow one; or none."""
+    hollow = [item for item in placed if item.thing.hollow]
+    if not hollow:
+        return thing, None
+    around = hollow[int(rng.integers(len(hollow)))]
+    off = rng.uniform(-0.25, 0.25, 2) * around.reach_m
+    return draw_small(rng), around.place + (off[0], off[1], 0.004)
+
+
 def _stacked(thing: Thing, reach: float, placed: list[_Placed], rng: Rng) -> Floats | None:
     """A place on another thing's flat top."""
     under = placed[int(rng.integers(len(placed)))]
-    if under.thing.top_m == 0.0 or reach > 1.4 * under.reach_m:
+    if under.thing.top_m == 0.0 or reach > 1.8 * under.reach_m:
         return None
     if any(abs(p.place[2] - under.place[2] - under.thing.top_m) < 1e-9 for p in placed):
         return None  # at that height stands another already

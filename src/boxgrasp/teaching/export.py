@@ -11,7 +11,7 @@ from boxgrasp.errors import MissingExtraError, ModelError
 from boxgrasp.onnx.session import DIGEST_KEY, RECORD_KEY, digest
 from boxgrasp.ranking.onnx.record import Record, to_json
 
-_OPSET, _IR = 17, 8  # read by every onnxruntime that `boxgrasp[svm]` allows
+_OPSET, _IR = 17, 8  # read by every onnxruntime that the package allows
 # A contest this even is even: what is left is rounding, and differs between machines. LIBSVM
 # gives an even contest to the second of its two classes.
 _EVEN = 1e-11

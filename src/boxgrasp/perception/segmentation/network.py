@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError, SceneError
-from boxgrasp.kernels.flood import flood
+from boxgrasp.kernels.flood import flood, nearest_labels
 from boxgrasp.kernels.mutex import mutex_watershed
 from boxgrasp.kernels.plan import grow
 from boxgrasp.onnx.session import load_file, open_session, record_of
@@ -64,7 +64,7 @@ _LEAST_CELLS: Final = 40  # smaller pieces go to what they touch
 _FEWEST_CELLS: Final = 6  # of a piece that touches nothing; smaller ones are none
 _FAR_M: Final = 1.25  # from where things are looked at more finely than the focal length asks
 _MOST_CELLS: Final = 20_000  # that the network sees at once: a 640 x 480 image at every 2nd pixel
-_MARGIN_CELLS: Final = 16  # round the points: what the network sees beside a thing
+_MARGIN_CELLS: Final = 8  # round the points: what the network sees beside a thing
 _RINGS: Final = 2  # of cells round a thing in which nothing is sure to be none
 # Changes of depth from pixel to pixel along which answers spread, smooth ones first, at 1 m and
 # nearer; a larger one is an outline.
@@ -382,24 +382,12 @@ def _cells_of_pixels(
 
 
 def _shown_things(found: ThingImage, image: DepthImage) -> NDArray[np.int64]:
-    """(S,) the thing that each pixel of a point shows: of four round it the nearest in depth."""
-    height, width = found.things.shape
-    v, u = np.divmod(image.pixels.astype(np.int64), image.depth_m.shape[1])
-    (v, dv), (u, du) = (
-        np.divmod(of - first, found.step) for of, first in zip((v, u), found.first_px, strict=True)
-    )
-    depth = image.depth_m.reshape(-1)[image.pixels]
-    things = np.full(len(depth), -1, dtype=np.int64)
-    least = np.float32(_LIMITS_M[-1]) * np.maximum(depth, 1) ** 2
-    for down in (0, 1):
-        for right in (0, 1):
-            y = np.clip(v + down * (dv > 0), 0, height - 1)
-            x = np.clip(u + right * (du > 0), 0, width - 1)
-            there = found.depth_m[y, x]
-            off = np.where(there > 0, np.abs(there - depth), np.float32(np.inf))
-            nearer = off < least
-            least[nearer] = off[nearer]
-            things[nearer] = found.things[y, x][nearer]
+    """(S,) the thing that each pixel of a point shows, -1 for none."""
+    things = np.empty(len(image.pixels), dtype=np.int64)
+    nearest_labels(
+        image.pixels, image.depth_m.shape[1], image.depth_m.reshape(-1), np.array(found.first_px),
+        found.step, found.depth_m, found.things, _LIMITS_M[-1], things,
+    )  # fmt: skip
     return things
 
 

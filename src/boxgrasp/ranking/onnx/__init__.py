@@ -1,1 +1,1 @@
-"""Trained models: ONNX files with their records, asked through onnxruntime (extra `svm`)."""
+"""Trained models: ONNX files with their records, asked through onnxruntime."""

@@ -1,4 +1,4 @@
-"""Trained models: ONNX files with their records, asked through onnxruntime (extra `svm`)."""
+"""Trained models: ONNX files with their records, asked through onnxruntime."""
 
 from __future__ import annotations
 

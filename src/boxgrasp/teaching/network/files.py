@@ -13,7 +13,7 @@ from boxgrasp.onnx.session import DIGEST_KEY, RECORD_KEY, digest
 from boxgrasp.perception.segmentation.network import read_network
 from boxgrasp.teaching.network.model import CHANNELS, INPUTS, OFFSETS, Layer, Parameters, layers
 
-_OPSET, _IR = 18, 9  # read by every onnxruntime that `boxgrasp[svm]` allows
+_OPSET, _IR = 18, 9  # read by every onnxruntime that the package allows
 _TWICE = "twice"  # name of the factors by which a level is enlarged
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.errors import ConfigError, ModelError
 from boxgrasp.execution import Store, Workers
+from boxgrasp.onnx.session import record_of
 from boxgrasp.perception.segmentation.network import FORMAT, INPUT_NAMES
 from boxgrasp.teaching.network.examples import CELL_PX, SHAPE, Batch, BatchTask, draw_batch
 from boxgrasp.teaching.network.files import to_onnx, weights_of
@@ -91,14 +92,14 @@ class _Progress:
         steps: taken.
         seconds: spent.
         runs: started.
-        start: digest of the weights that it went on from, or None.
+        start: SHA-256 and record of the file whose weights were the first ones, or None.
         loss: running means of the last ones.
     """
 
     steps: int = 0
     seconds: float = 0.0
     runs: int = 0
-    start: str | None = None
+    start: dict[str, Any] | None = None
     loss: tuple[float, ...] = ()
 
 
@@ -186,11 +187,15 @@ def _fresh(store: Store, params: TrainingParams, start: bytes | None) -> tuple[_
             f"{store}/{STATE}: a training is there already; valid: --resume, or another place"
         )
     if start is None:
-        parameters, name = drawn_parameters(np.random.default_rng(params.seed)), None
+        parameters, first = drawn_parameters(np.random.default_rng(params.seed)), None
     else:
-        parameters, name = weights_of(start), hashlib.sha256(start).hexdigest()
+        parameters = weights_of(start)
+        first = {
+            "sha256": hashlib.sha256(start).hexdigest(),
+            "record": json.loads(record_of(start)[0]),
+        }
     optimizer = _optimizer(params).init(parameters)
-    return _State(parameters, parameters, optimizer), _Progress(start=name)
+    return _State(parameters, parameters, optimizer), _Progress(start=first)
 
 
 def _optimizer(params: TrainingParams) -> optax.GradientTransformation:
@@ -315,7 +320,7 @@ def _record(done: _Progress, params: TrainingParams) -> dict[str, Any]:
             "steps": done.steps,
             "seconds": round(done.seconds),
             "runs": done.runs,
-            "from_sha256": done.start,
+            "from": done.start,
             "loss": [round(value, 5) for value in done.loss],
             "device": f"{device.platform} {device.device_kind}",
             "machine": platform.machine(),
