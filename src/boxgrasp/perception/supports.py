@@ -39,7 +39,9 @@ _ROUGH_M = 0.004  # m, standard deviation of its points: evenly spread ones have
 _LEVEL = np.cos(np.deg2rad(5.0))  # of the angle to the support plane
 _TRIES = 4  # heights looked at
 _MOST_CELLS = 400  # along an axis: 10 m
-_PATCH_M2 = 0.01  # m2, smaller bits of a surface do not claim their place
+_PATCH_M2 = 0.03  # m2, smaller parts of the support plane's height may be a thing's top
+_SPECK_CELLS = 4  # of a level, up to which they are no thing's top
+_BESIDE_CELLS = 4  # up to which such a speck lies beside the rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +179,9 @@ def _supports(
 ) -> Supports:
     """The support plane and the surfaces found beside it."""
     planes = np.vstack([_ALONE.planes, [plane for plane, _ in found]])
-    main = plan.parts(plan.cells(low[np.abs(low[:, 2]) < _ON_M]))
+    part = plan.parts(plan.cells(low[np.abs(low[:, 2]) < _ON_M]))
+    large = np.bincount(part[part >= 0], minlength=1) >= _PATCH_M2 / _CELL_M**2
+    main = (part >= 0) & large[part]
     areas_m2 = np.array([np.count_nonzero(cells) * _CELL_M**2 for _, cells in found])
     return Supports(
         readonly(planes),
@@ -243,15 +247,10 @@ class _Plan:
         x, y = self.corner_m + (np.array([rows.mean(), columns.mean()]) + 0.5) * _CELL_M
         return float(-(plane[0] * x + plane[1] * y + plane[3]) / plane[2])
 
-    def parts(self, cells: NDArray[np.bool_], largest: bool = False) -> NDArray[np.bool_]:
-        """The parts of a surface that are no bits, or the largest alone."""
+    def parts(self, cells: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """(R, C) the part of a surface that each cell belongs to, -1 for none."""
         nothing = np.zeros((*self.shape, 3), dtype=np.float32)
-        part = patches(cells, nothing[..., 0], nothing, np.inf, np.inf)
-        area = np.bincount(part[part >= 0], minlength=1)
-        kept = area >= _PATCH_M2 / _CELL_M**2
-        if largest:
-            kept &= np.arange(len(area)) == np.argmax(area)
-        return np.asarray((part >= 0) & kept[part])
+        return np.asarray(patches(cells, nothing[..., 0], nothing, np.inf, np.inf))
 
 
 def _shared_height(plan: _Plan, points: Points) -> float | None:
@@ -266,12 +265,25 @@ def _shared_height(plan: _Plan, points: Points) -> float | None:
 
 
 def _surface(plan: _Plan, low: Points, height_m: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """The plane near a height, and the largest patch of cells on it."""
+    """The plane near a height, and the largest patch of cells on it.
+
+    With it come the specks beside it that things on it part from it: under them nothing was seen,
+    as it is under the rim of a wall.
+    """
     level = np.array([0.0, 0.0, 1.0, -height_m])
     fitted = fitted_plane(low, level, (_ON_M, _ON_M, _ON_M))
     plane = level if fitted is None else fitted
-    on = low[np.abs(low @ plane[:3] + plane[3]) < _ON_M]
-    return plane, plan.parts(plan.cells(on), largest=True)
+    over = low @ plane[:3] + plane[3]
+    part = plan.parts(plan.cells(low[np.abs(over) < _ON_M]))
+    inside = part >= 0
+    area = np.bincount(part[inside], minlength=1)
+    hollow = np.bincount(part[inside & plan.cells(low[over <= -_ON_M])], minlength=len(area))
+    cells = inside & (part == np.argmax(area))
+    near = cells
+    for _ in range(_BESIDE_CELLS):
+        near = _grown(near)
+    specks = (area <= _SPECK_CELLS) & (hollow == 0)
+    return plane, np.asarray(cells | (near & inside & specks[part]))
 
 
 def _is_support(plan: _Plan, plane: Floats, cells: NDArray[np.bool_], low: Points) -> bool:
