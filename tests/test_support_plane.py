@@ -212,3 +212,32 @@ def test_a_camera_without_pose_looks_down_by_any_angle(down_deg: float, seed: in
 def test_a_board_on_the_table(with_pose: bool, seed: int) -> None:
     layout = with_board()
     assert_found(layout, look(layout, seed, with_pose))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_thing_on_the_board_stands_on_it_and_is_grasped(seed: int) -> None:
+    """Its box ends on the board, which is no obstacle; the board is one for what stands beside."""
+    layout = with_board()
+    seen = look(layout, seed, with_pose=True)
+    selector = GraspSelector()
+    for thing, height_m in enumerate(layout.heights_m):
+        target = Target(pixel=seen.pixel(thing))
+        context = selector.analyze(seen.capture, target)
+        box = context.context.box
+        foot_m = box.T_base_box[2, 3] - box.dimensions_m[2] / 2
+        assert foot_m == pytest.approx(height_m, abs=0.005)
+        obstacles = context.scene.points[context.target_points.obstacle_mask]
+        assert obstacles[:, 2].min() > height_m
+        off = np.abs(obstacles[:, :2] - (0.80, 0.20))  # amid the board, where nothing stands
+        bare = obstacles[np.all(off < 0.04, axis=1)]
+        assert (len(bare) > 5) == (height_m < 0.72)
+        np.testing.assert_allclose(bare[:, 2], 0.73, atol=0.012)
+    selection = selector.select(seen.capture, Target(pixel=seen.pixel(0)))
+    assert selection.status == "grasp"
+    assert "second_support" in [warning.code for warning in selection.warnings]
+
+
+def test_a_plain_table_has_no_second_support() -> None:
+    for seed in SEEDS:
+        seen = look(seen_at(45.0), seed, with_pose=True)
+        assert not GraspSelector().scene(seen.capture).warnings

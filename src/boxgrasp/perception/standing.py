@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.perception.scene import Scene
@@ -21,6 +20,7 @@ _ENOUGH = 300  # points of the sample near the target
 _SPREAD_M = 0.05  # m, their standard deviation along their narrower side at least
 _TURNED = np.cos(np.deg2rad(2.0))  # of the angle that the plane turns at most near the target
 _OVER_M = 0.004  # m over the target's plane: what is lower is the plane's concern
+_STEP_M = 0.010  # m over it, from which a surface is another one's: the own one has noise
 
 
 def stand_target(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoints]:
@@ -44,13 +44,13 @@ def stand_target(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoint
     plane = Plane(readonly(values[:3].copy()), float(values[3])).moved(scene.T_base_table)
     scene = replace(scene, plane=plane)
     if len(scene.supports.planes) > 1:
-        scene, points = _with_surfaces(scene, points, number)
+        scene, points = _with_surfaces(scene, points)
     return (_reframed(scene) if scene.frame == "support" else scene), points
 
 
 def _near(scene: Scene, number: int, middle_m: Floats) -> Floats:
     """(4,) a surface's plane by its points near the target, table frame."""
-    plane = scene.supports.planes[number]
+    plane: Floats = scene.supports.planes[number]
     view = scene.views[0]
     sample = view.points[:: max(1, len(view.points) // _SAMPLE)]
     sample = transform(invert(scene.T_base_table) @ view.T_base_source, sample)
@@ -67,23 +67,15 @@ def _near(scene: Scene, number: int, middle_m: Floats) -> Floats:
     return fitted
 
 
-def _with_surfaces(
-    scene: Scene, points: TargetPoints, number: int
-) -> tuple[Scene, TargetPoints]:
+def _with_surfaces(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoints]:
     """The scene with points on the surfaces that are higher than the target's, as obstacles.
 
     What is lower than its plane is none: the hand stays over that.
     """
     obstacles = points.obstacle_mask & (scene.plane.heights(scene.points) > _OVER_M)
-    surfaces = [
-        transform(scene.T_base_table, scene.supports.surface_points(other))
-        for other in range(len(scene.supports.planes))
-        if other != number
-    ]
-    added: Points = np.vstack(surfaces)
-    added = added[scene.plane.heights(added) > _OVER_M]
-    count = len(added)
-    cluster = int(scene.clusters.max(initial=-1)) + 1
+    added = transform(scene.T_base_table, np.vstack(scene.supports.seen_m))
+    added = added[scene.plane.heights(added) > _STEP_M]
+    count, cluster = len(added), int(scene.clusters.max(initial=-1)) + 1
     scene = replace(
         scene,
         points=readonly(np.vstack((scene.points, added))),
@@ -91,11 +83,11 @@ def _with_surfaces(
         clusters=_extended(scene.clusters, cluster, count),
     )
     return scene, TargetPoints(
-        _extended(points.target_mask, False, count), _extended(obstacles, True, count)
+        _extended(points.target_mask, 0, count), _extended(obstacles, 1, count)
     )
 
 
-def _extended(array: NDArray[np.generic], value: object, count: int) -> NDArray[np.generic]:
+def _extended(array: Array, value: int, count: int) -> Array:
     """An array with a value added so many times."""
     return readonly(np.concatenate((array, np.full(count, value, dtype=array.dtype))))
 

@@ -54,6 +54,7 @@ class Supports:
         corner_m: (2,) float64, the plan's lowest x and y, m.
         cell_m: edge of a cell, m.
         areas_m2: (S - 1,) float64, what was seen of each but the first, m2.
+        seen_m: S arrays (n, 3) float32, some points on each, m; none where S is 1.
     """
 
     planes: Floats
@@ -61,6 +62,7 @@ class Supports:
     corner_m: Floats
     cell_m: float
     areas_m2: Floats
+    seen_m: tuple[Points, ...]
 
     @cached_property
     def steps_m(self) -> Floats:
@@ -102,21 +104,6 @@ class Supports:
         own = self.planes[self.owners(points)]
         return np.asarray(np.sum(points * own[:, :3], axis=1) + own[:, 3], dtype=np.float32)
 
-    def surface_points(self, number: int) -> Points:
-        """A point on a surface for each cell that belongs to it.
-
-        Args:
-            number: row of `planes`, not 0.
-
-        Returns:
-            (n, 3) float32, table frame, m.
-        """
-        cells = np.argwhere(self.owner == number)
-        middle = self.corner_m + (cells + 0.5) * self.cell_m
-        plane = self.planes[number]
-        height = -(middle @ plane[:2] + plane[3]) / plane[2]
-        return np.column_stack((middle, height)).astype(np.float32)
-
     def warnings(self) -> tuple[CodedWarning, ...]:
         """One for each surface beside the support plane."""
         return tuple(
@@ -136,6 +123,7 @@ _ALONE = Supports(
     readonly(np.zeros(2)),
     _CELL_M,
     readonly(np.zeros(0)),
+    (),
 )
 
 
@@ -174,21 +162,24 @@ def find_supports(
     return _supports(plan, low, found) if found else _ALONE
 
 
-def _supports(
-    plan: _Plan, low: Points, found: list[tuple[Floats, NDArray[np.bool_]]]
-) -> Supports:
+def _supports(plan: _Plan, low: Points, found: list[tuple[Floats, NDArray[np.bool_]]]) -> Supports:
     """The support plane and the surfaces found beside it."""
     planes = np.vstack([_ALONE.planes, [plane for plane, _ in found]])
     part = plan.parts(plan.cells(low[np.abs(low[:, 2]) < _ON_M]))
     large = np.bincount(part[part >= 0], minlength=1) >= _PATCH_M2 / _CELL_M**2
     main = (part >= 0) & large[part]
     areas_m2 = np.array([np.count_nonzero(cells) * _CELL_M**2 for _, cells in found])
+    on = [
+        plan.held(cells, low) & (np.abs(low @ plane[:3] + plane[3]) < _ON_M)
+        for plane, cells in ((_ALONE.planes[0], main), *found)
+    ]
     return Supports(
         readonly(planes),
         readonly(_owners(planes, [main, *(cells for _, cells in found)])),
         readonly(plan.corner_m),
         _CELL_M,
         readonly(areas_m2),
+        tuple(readonly(low[rows]) for rows in on),
     )
 
 
