@@ -9,11 +9,13 @@ import numpy as np
 from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.kernels.levels import points_near
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.support_plane import fitted_plane, support_frame
 from boxgrasp.perception.target import TargetPoints
 
-_NEAR_M = 0.40  # m in plan from the target's middle: what it stands on, not a table's far end
+_NEAR_M = 0.40  # m from the target's foot: what it stands on, not a table's far end
+_DEEP_M = 0.2  # m over or under the support plane: more than any surface beside it
 _SAMPLE = 20_000  # points tell the plane as well as all
 _ON_M = 0.008  # m, what points on the plane may be off
 _ENOUGH = 300  # points of the sample near the target
@@ -52,10 +54,13 @@ def _near(scene: Scene, number: int, middle_m: Floats) -> Floats:
     """(4,) a surface's plane by its points near the target, table frame."""
     plane: Floats = scene.supports.planes[number]
     view = scene.views[0]
-    sample = view.points[:: max(1, len(view.points) // _SAMPLE)]
-    sample = transform(invert(scene.T_base_table) @ view.T_base_source, sample)
-    off = sample[:, :2] - middle_m[:2].astype(np.float32)
-    near = sample[np.einsum("ij,ij->i", off, off) < _NEAR_M**2]
+    T_table_source = invert(scene.T_base_table) @ view.T_base_source
+    foot_m = np.array([middle_m[0], middle_m[1], -plane[:2] @ middle_m[:2] - plane[3]])
+    foot_source_m = transform(invert(T_table_source), foot_m[None])[0]
+    step = max(1, len(view.points) // _SAMPLE)
+    near = np.empty((len(view.points) // step + 1, 3), dtype=np.float32)
+    count = points_near(view.points, step, T_table_source, foot_source_m, _NEAR_M, _DEEP_M, near)
+    near = near[:count]
     if len(scene.supports.planes) > 1:
         near = near[scene.supports.owners(near) == number]
     on = near[np.abs(near @ plane[:3].astype(np.float32) + np.float32(plane[3])) < _ON_M, :2]
@@ -73,7 +78,7 @@ def _with_surfaces(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoi
     What is lower than its plane is none: the hand stays over that.
     """
     obstacles = points.obstacle_mask & (scene.plane.heights(scene.points) > _OVER_M)
-    added = transform(scene.T_base_table, np.vstack(scene.supports.seen_m))
+    added = transform(scene.T_base_table, np.vstack(scene.supports.points_m))
     added = added[scene.plane.heights(added) > _STEP_M]
     count, cluster = len(added), int(scene.clusters.max(initial=-1)) + 1
     scene = replace(

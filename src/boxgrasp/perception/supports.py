@@ -8,7 +8,6 @@ broad and low with something on it. What lies lower than the support plane count
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,26 +52,18 @@ class Supports:
         owner: (R, C) int8, which of them each cell of the plan belongs to; (0, 0) where S is 1.
         corner_m: (2,) float64, the plan's lowest x and y, m.
         cell_m: edge of a cell, m.
+        steps_m: (S - 1,) float64, height of each but the first over it, amid its patch, m.
         areas_m2: (S - 1,) float64, what was seen of each but the first, m2.
-        seen_m: S arrays (n, 3) float32, some points on each, m; none where S is 1.
+        points_m: S arrays (n, 3) float32, some points on each, m; none where S is 1.
     """
 
     planes: Floats
     owner: NDArray[np.int8]
     corner_m: Floats
     cell_m: float
+    steps_m: Floats
     areas_m2: Floats
-    seen_m: tuple[Points, ...]
-
-    @cached_property
-    def steps_m(self) -> Floats:
-        """(S - 1,) height of each but the first over it, amid its patch, m."""
-        steps = []
-        for number in range(1, len(self.planes)):
-            plane, cells = self.planes[number], np.argwhere(self.owner == number)
-            middle = self.corner_m + (cells.mean(axis=0) + 0.5) * self.cell_m
-            steps.append(-(plane[:2] @ middle + plane[3]) / plane[2])
-        return np.array(steps)
+    points_m: tuple[Points, ...]
 
     def owners(self, points: Points) -> NDArray[np.int64]:
         """Which surface each point stands over.
@@ -123,6 +114,7 @@ _ALONE = Supports(
     readonly(np.zeros(2)),
     _CELL_M,
     readonly(np.zeros(0)),
+    readonly(np.zeros(0)),
     (),
 )
 
@@ -168,7 +160,6 @@ def _supports(plan: _Plan, low: Points, found: list[tuple[Floats, NDArray[np.boo
     part = plan.parts(plan.cells(low[np.abs(low[:, 2]) < _ON_M]))
     large = np.bincount(part[part >= 0], minlength=1) >= _PATCH_M2 / _CELL_M**2
     main = (part >= 0) & large[part]
-    areas_m2 = np.array([np.count_nonzero(cells) * _CELL_M**2 for _, cells in found])
     on = [
         plan.held(cells, low) & (np.abs(low @ plane[:3] + plane[3]) < _ON_M)
         for plane, cells in ((_ALONE.planes[0], main), *found)
@@ -178,7 +169,8 @@ def _supports(plan: _Plan, low: Points, found: list[tuple[Floats, NDArray[np.boo
         readonly(_owners(planes, [main, *(cells for _, cells in found)])),
         readonly(plan.corner_m),
         _CELL_M,
-        readonly(areas_m2),
+        readonly(np.array([plan.height(plane, cells) for plane, cells in found])),
+        readonly(np.array([np.count_nonzero(cells) * _CELL_M**2 for _, cells in found])),
         tuple(readonly(low[rows]) for rows in on),
     )
 
