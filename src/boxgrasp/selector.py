@@ -28,6 +28,7 @@ from boxgrasp.perception.box_fit import fit_box
 from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.standing import stand_target
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Truncation, find_truncation
 from boxgrasp.ranking.ranker import (
@@ -205,7 +206,7 @@ class GraspSelector:
         scene = self.scene(capture, scans) if scene is None else scene.with_scans(scans)
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
-        points = find_target(scene, capture, target)
+        scene, points = stand_target(scene, find_target(scene, capture, target))
         box = fit_box(scene.points[points.target_mask], scene.plane, _heading(scene), config.box)
         truncation = find_truncation(capture, scene, points.target_mask, box)
         clock.lap("box")

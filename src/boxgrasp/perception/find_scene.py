@@ -24,7 +24,6 @@ from boxgrasp.perception.scene import Scene, ShownPoints
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.segmentation import NEED_IMAGE, WITHOUT_IMAGE, segmentation_named
 from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Segments
-from boxgrasp.perception.support_plane import patch_over
 from boxgrasp.perception.view import View, scan_views, seen_points
 from boxgrasp.sensing.capture import Capture
 
@@ -61,7 +60,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     clusters = segments.clusters
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     middles = cluster_middles(voxels.centroids, clusters)
-    over_table = patch_over(points, placement.T_source_table, middles) & segments.objects
+    over_table = placement.over_seen(points, middles) & segments.objects
     points_base = transform(placement.T_base_table, voxels.centroids)
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
@@ -74,11 +73,12 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         clusters=readonly(clusters[kept]),
         objects=objects,
         plane=placement.plane.moved(T_base_source),
+        supports=placement.supports,
         frame=placement.frame,
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
-        warnings=_warnings(config, image),
+        warnings=(*_warnings(config, image), *placement.supports.warnings()),
         _shown=_of_kept(shown, kept),
     )
 
@@ -89,9 +89,10 @@ def _points_over(
     """(P, 3) points of all views over the plane, table frame, and rows of those of the first."""
     places = [invert(placement.T_source_table)]
     places += [invert(placement.T_base_table) @ view.T_base_source for view in views[1:]]
+    cameras = [placement.camera_position_table_m(view.T_base_camera) for view in views]
     found = [
-        points_over(view.points, T, placement.camera_position_table_m(view.T_base_camera), config)
-        for view, T in zip(views, places, strict=True)
+        points_over(view.points, T, camera, placement.supports, config)
+        for view, T, camera in zip(views, places, cameras, strict=True)
     ]
     return np.vstack([points for points, _ in found]), found[0][1]
 
@@ -110,7 +111,7 @@ def _depth_image(
         return None
     depth_m, height_m = np.zeros((2, capture.depth.size), dtype=np.float32)
     depth_m[view.pixels] = view.points[:, 2]  # the robot's own arm is left out
-    height_m[view.pixels] = placement.plane.heights(view.points)
+    height_m[view.pixels] = placement.heights(view.points)
     shape, focal_px = capture.depth.shape, float(capture.intrinsics[0, 0])
     images = depth_m.reshape(shape), focal_px, height_m.reshape(shape)
     return DepthImage(*images, shown.pixels, shown.rows)

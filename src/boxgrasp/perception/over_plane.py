@@ -13,6 +13,7 @@ from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbors, voxel_centroids
 from boxgrasp.perception.scene_config import SceneConfig
+from boxgrasp.perception.supports import Supports
 from boxgrasp.sensing.sensor_model import (
     FOCAL_PX,
     NOISE_FLOOR_M,
@@ -47,14 +48,19 @@ class Voxels:
 
 
 def points_over(
-    points: Points, T_table_source: Floats, camera_position_m: Floats | None, config: SceneConfig
+    points: Points,
+    T_table_source: Floats,
+    camera_position_m: Floats | None,
+    supports: Supports,
+    config: SceneConfig,
 ) -> tuple[Points, NDArray[np.int32]]:
-    """The points over the plane, out of the table's noise.
+    """The points over the surfaces that they stand on, out of those surfaces' noise.
 
     Args:
         points: (N, 3) float32, source frame, m.
         T_table_source: (4, 4).
         camera_position_m: (3,) table frame, m, or None where it is unknown.
+        supports: the surfaces, table frame.
         config: heights and ranges.
 
     Returns:
@@ -67,6 +73,7 @@ def points_over(
         origin, farthest_m = camera_position_m, config.max_range_m + _OBSTACLES_BEYOND_M
         band_m, noise_gain = config.min_height_m, config.noise_gain
     noise = (NOISE_FLOOR_M, NOISE_GROWTH_PER_M, NOISE_LEAST_AT_M)
+    plan = (*supports.corner_m.tolist(), supports.cell_m)
     parts: list[tuple[int, Points, NDArray[np.int32]]] = []
 
     def work(first: int, last: int) -> None:
@@ -74,7 +81,7 @@ def points_over(
         rows = np.empty(last - first, dtype=np.int32)
         count = above_plane(
             points[first:last], T_table_source, origin, band_m, noise_gain, noise,
-            config.max_height_m, farthest_m, found, rows,
+            config.max_height_m, farthest_m, supports.planes, supports.owner, plan, found, rows,
         )  # fmt: skip
         parts.append((first, found[:count], rows[:count] + np.int32(first)))
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.perception.support_plane import find_support_plane, support_frame
+from boxgrasp.perception.support_plane import find_support_plane, patch_over, support_frame
+from boxgrasp.perception.supports import Supports, find_supports
 from boxgrasp.sensing.capture import Capture
 
 
@@ -19,6 +21,7 @@ class Placement:
 
     Attributes:
         plane: the support plane, source frame.
+        supports: it and the level surfaces beside it, table frame.
         T_source_table: (4, 4), z on the plane's normal, z = 0 on it.
         T_base_source: (4, 4).
         T_base_table: (4, 4).
@@ -27,6 +30,7 @@ class Placement:
     """
 
     plane: Plane
+    supports: Supports
     T_source_table: Floats
     T_base_source: Floats
     T_base_table: Floats
@@ -46,6 +50,31 @@ class Placement:
             return None
         position: Floats = transform(invert(self.T_base_table), T_base_camera[None, :3, 3])[0]
         return position
+
+    def heights(self, points: Points) -> Points:
+        """Signed heights over what each point stands over.
+
+        Args:
+            points: (N, 3) float32, source frame, m.
+
+        Returns:
+            (N,) float32, m.
+        """
+        if len(self.supports.planes) == 1:
+            return self.plane.heights(points)
+        return self.supports.heights(transform(invert(self.T_source_table), points))
+
+    def over_seen(self, points: Points, above: Points) -> NDArray[np.bool_]:
+        """Whether points stand over the part of a surface that was seen.
+
+        Args:
+            points: (N, 3) float32 of the view, source frame, m.
+            above: (K, 3) float32, the points in question, table frame, m.
+
+        Returns:
+            (K,) bool.
+        """
+        return patch_over(points, self.T_source_table, above) | (self.supports.owners(above) > 0)
 
 
 def place_view(capture: Capture, points: Points, max_range_m: float) -> Placement:
@@ -69,12 +98,14 @@ def place_view(capture: Capture, points: Points, max_range_m: float) -> Placemen
         up, camera_position_m = None if given is None else given[2, :3], np.zeros(3)
     plane = find_support_plane(points, up, camera_position_m, max_range_m)
     T_source_table = support_frame(plane, optical)
+    supports = find_supports(points, T_source_table, camera_position_m, max_range_m)
     T_base_source = np.eye(4)
     if optical:
         T_base_source = np.array(given) if given is not None else invert(T_source_table)
     readonly(T_base_source)
     return Placement(
         plane=plane,
+        supports=supports,
         T_source_table=T_source_table,
         T_base_source=T_base_source,
         T_base_table=readonly(T_base_source @ T_source_table),

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.plane import Plane
-from boxgrasp.geometry.transforms import transform
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.segmentation.clusters import Clusters
+from boxgrasp.perception.supports import Supports
 from boxgrasp.perception.view import View, rows_of, scan_views
 from boxgrasp.sensing.capture import Capture, Pixels
 
@@ -64,7 +65,8 @@ class Scene:
         object_numbers: (K,) int64, 0 for what is no object.
         clusters: (K,) int64, which points belong together, objects or not.
         objects: by their numbers, without pixels.
-        plane: the support plane.
+        plane: the support plane; once a target is known, that under it (`perception.standing`).
+        supports: the support plane and the level surfaces beside it, table frame.
         frame: `given`, or `support` where the base frame is the plane's.
         T_base_camera: (4, 4), or None where the camera's place is unknown.
         T_base_table: (4, 4), z on the plane's normal, z = 0 on it.
@@ -77,6 +79,7 @@ class Scene:
     clusters: Clusters
     objects: tuple[SceneObject, ...]
     plane: Plane
+    supports: Supports
     frame: str
     T_base_camera: Floats | None
     T_base_table: Floats
@@ -139,7 +142,7 @@ class Scene:
         return np.where(seen, rows, MISSING)
 
     def height_at(self, pixel: int) -> float:
-        """How high over the support plane lies what a pixel shows.
+        """How high lies what a pixel shows over the surface that it stands over.
 
         Args:
             pixel: flat pixel v * W + u, of one that is not missing.
@@ -150,7 +153,7 @@ class Scene:
         view = self.views[0]
         row = np.searchsorted(view.pixels, pixel)
         point = transform(view.T_base_source, view.points[row : row + 1])
-        return float(self.plane.heights(point)[0])
+        return float(self.supports.heights(transform(invert(self.T_base_table), point))[0])
 
     def points_under(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Which points lie mostly under a mask.

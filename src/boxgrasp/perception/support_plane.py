@@ -9,6 +9,7 @@ from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, make_transform, transform
+from boxgrasp.kernels.levels import on_and_under, patch_moments
 from boxgrasp.kernels.plane import plane_sums, plane_votes
 from boxgrasp.sensing.sensor_model import axial_noise_m
 
@@ -27,6 +28,13 @@ _FEWEST_FITTED = 10  # points for a least-squares fit
 _ALIKE = np.cos(np.deg2rad(15.0))  # of the angle up to which two planes may be the same
 _COARSE_M = 0.015  # m, what a plane through three noisy points may be off
 _FINE_M = 0.008  # m, what points on a fitted plane may be off
+_STRADDLED_M = 0.03  # m from a plane: as far apart are two tables that it may lie between
+_PATCHED = 7_000  # points tell the slopes as well as all
+_SLOPE_CELL_M = 0.08  # m, patches of the surface whose slopes are taken
+_LEAST_PATCH = 8  # points of such a patch
+_FEWEST_PATCHES = 12  # for their median
+_ONE_LEVEL_M = 0.005  # m, within which the patches of one table lie
+_TURN_GAIN = 1.1  # patches that must lie so, turned, for each that does as it is
 _CARRIED_M = (0.015, 0.30)  # m over the plane, where things on it are looked for
 _CARRIED_NOISE = 4  # standard deviations of the depth that the lower of them is raised by
 _CELL_M = 0.05  # m, cells in which a plane's patch was seen
@@ -35,11 +43,15 @@ _RIM_CELLS = 3  # beyond the seen patch, for what stands on the hidden rim
 _PATCH_SAMPLE = 4_000  # points tell the patch
 _UNDER_SHARE = 0.6  # of the points on a plane, from which points under it say that it is none
 _FAIR_SHARE = 0.3  # of the largest plane's points that another one must hold
+_DESK_SHARE = 0.05  # that a desk over such a plane must hold
+_DESK_M = 0.3  # m, its height over it at least
+_DESK_LEVEL = np.cos(np.deg2rad(8.0))  # of the angle between the two at most
 _FEWEST_CARRIED = 4  # points of the sample: fewer are noise
 _LEAST_PATCH_M2 = 0.05  # m2, of a table
 _TILT_GIVEN = np.cos(np.deg2rad(12.0))  # of the angle to `up`
-_TILT_CAMERA = np.sin(np.deg2rad(10.0))  # how far a plane may face down in the image
+_TILT_CAMERA = np.sin(np.deg2rad(25.0))  # how far a plane may face down in the image
 _TILT_UPRIGHT = np.sin(np.deg2rad(15.0))  # how far it must face up in it, unless none does
+_UPRIGHT_SHARE = 0.1  # of the largest plane's points that one must hold that faces up
 _LAID = 0.05  # of an axis' length, laid on the plane, from which it tells a direction
 
 
@@ -70,9 +82,11 @@ def find_support_plane(
         )
     # 2. The one of them that carries most.
     chosen = _choose(planes, _all_carried(sample, planes, camera_position_m, max_range_m))
-    # 3. The same plane through many points near the objects.
+    # 3. The same plane through many points near the objects, and through one level alone.
     dense = _dense(points, camera_position_m, max_range_m)
-    plane = _refit(dense, chosen, (_COARSE_M, _FINE_M, _FINE_M))
+    plane = fitted_plane(dense, chosen, (_COARSE_M,))
+    if plane is not None:
+        plane = fitted_plane(dense, _on_one_level(dense, plane), (_FINE_M, _FINE_M))
     if plane is None:
         plane = chosen
     if not _opaque(plane, dense):
@@ -85,30 +99,35 @@ def find_support_plane(
 
 def _planes_in(sample: Points, up: Floats | None) -> list[tuple[int, Floats]]:
     """Points held and (4,) n, d of planes that are not alike, by the proposals' votes."""
-    proposals = _proposals(sample, up)
-    votes = plane_votes(sample, proposals, _COARSE_M)
+    proposals, left = _proposals(sample, up), sample
+    votes = plane_votes(left, proposals, _COARSE_M)
+    least = max(_LEAST_VOTES[0], _LEAST_VOTES[1] * len(sample))
     found: list[tuple[int, Floats]] = []
-    tries = 0
-    while len(found) < _MOST_PLANES and len(proposals):
-        best = int(np.argmax(votes))
-        least = max(_LEAST_VOTES[0], _LEAST_VOTES[1] * len(sample))
-        if votes[best] < least or tries == _TRIES:
+    for _ in range(_TRIES):
+        best = int(np.argmax(votes)) if len(votes) else 0
+        if len(votes) == 0 or votes[best] < least or len(found) == _MOST_PLANES:
             break
-        tries += 1
-        plane = _refit(sample, proposals[best], (_COARSE_M, _FINE_M))
-        if plane is None or not _plausible(plane[None], up)[0]:
-            plane = proposals[best]
-        elif _opaque(plane, sample) and not any(
-            _alike(other[None], plane, sample)[0] for _, other in found
-        ):
-            found.append((int(votes[best]), plane))
-        rest = ~_alike(proposals, plane, sample)
-        rest[best] = False
-        proposals, votes = proposals[rest], votes[rest]
-    if up is None:  # a level plane faces up in the image unless the camera looks straight down
-        upright = [item for item in found if item[1][1] < -_TILT_UPRIGHT]
-        found = upright or found
-    return found
+        plane = fitted_plane(left, proposals[best], (_COARSE_M, _FINE_M))
+        if plane is None or not _plausible(plane[None], up)[0] or not _opaque(plane, sample):
+            rest = ~_alike(proposals, proposals[best] if plane is None else plane, sample)
+            rest[best] = False
+            proposals, votes = proposals[rest], votes[rest]
+            continue
+        if not any(_alike(other[None], plane, sample)[0] for _, other in found):
+            found.append((int(plane_votes(sample, plane[None], _COARSE_M)[0]), plane))
+        # What a plane holds votes for no other one: a small desk has less than a floor's rest.
+        left = left[np.abs(_plane(plane).heights(left)) >= _COARSE_M]
+        votes = plane_votes(left, proposals, _COARSE_M)
+    return _upright(found) if up is None else found
+
+
+def _upright(found: list[tuple[int, Floats]]) -> list[tuple[int, Floats]]:
+    """Those that face up in the image where one of some size does, as a level plane does unless
+    the camera looks straight down.
+    """
+    most = max((votes for votes, _ in found), default=0)
+    upright = [item for item in found if item[1][1] < -_TILT_UPRIGHT]
+    return upright if any(votes >= _UPRIGHT_SHARE * most for votes, _ in upright) else found
 
 
 def _all_carried(
@@ -137,6 +156,59 @@ def _dense(points: Points, camera_position_m: Floats | None, max_range_m: float)
     return dense[near] if np.count_nonzero(near) > _ENOUGH else dense
 
 
+def _on_one_level(dense: Points, plane: Floats) -> Floats:
+    """The plane, or, where more patches share a height so, turned as small patches of it are.
+
+    Two tables that differ by 2 cm lie near one plane that is tilted by 2 degrees; their patches
+    do not tilt so.
+    """
+    T_source_table = support_frame(_plane(plane), optical=True)
+    some = np.ascontiguousarray(dense[:: max(1, len(dense) // _PATCHED)])
+    patches = _flat_patches(
+        patch_moments(some, invert(T_source_table), _STRADDLED_M, _SLOPE_CELL_M)
+    )
+    if len(patches) < _FEWEST_PATCHES:
+        return plane
+    slope = np.median(patches[:, 3:], axis=0)
+    as_it_is, _ = _shared_height(patches[:, 2])
+    turned, height_m = _shared_height(patches[:, 2] - patches[:, :2] @ slope)
+    if turned < _TURN_GAIN * as_it_is:
+        return plane
+    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1.0 + slope @ slope)
+    moved = _plane(np.append(normal, -normal[2] * height_m)).moved(T_source_table)
+    return np.append(moved.normal, moved.offset_m)
+
+
+def _shared_height(heights: Floats) -> tuple[int, float]:
+    """How many heights lie at the two levels that hold most, and the mean at the first, m."""
+    count, means = 0, []
+    for _ in range(2):
+        heights = np.sort(heights)
+        held = np.searchsorted(heights, heights + _ONE_LEVEL_M) - np.arange(len(heights))
+        first = int(np.argmax(held))
+        last = first + int(held[first])
+        count += last - first
+        means.append(float(heights[first:last].mean()))
+        heights = np.concatenate((heights[:first], heights[last:]))
+        if len(heights) == 0:
+            break
+    return count, means[0]
+
+
+def _flat_patches(moments: Floats) -> Floats:
+    """(P, 5) x, y, height and slopes along x and y of the flatter half of the cells, m.
+
+    moments: (C, 10), as `patch_moments` gives them.
+    """
+    spread = moments[:, 4] * moments[:, 7] - moments[:, 5] ** 2
+    full = (moments[:, 0] >= _LEAST_PATCH) & (spread > (_SLOPE_CELL_M / 8) ** 4)
+    _, x, y, z, xx, xy, xz, yy, yz, zz = moments[full].T
+    slope_x, slope_y = (yy * xz - xy * yz) / spread[full], (xx * yz - xy * xz) / spread[full]
+    rough = zz - slope_x * xz - slope_y * yz
+    flat = rough <= np.median(rough) if len(rough) else full[full]
+    return np.column_stack((x, y, z, slope_x, slope_y))[flat]
+
+
 def _plane(values: Floats) -> Plane:
     """A row n, d of the proposals as a plane."""
     return Plane(values[:3], float(values[3]))
@@ -152,10 +224,11 @@ def _alike(planes: Floats, plane: Floats, sample: Points) -> NDArray[np.bool_]:
 
 
 def _opaque(plane: Floats, sample: Points) -> bool:
-    """Whether points stop at the plane: just under it there are far fewer than on it."""
-    heights = _plane(plane).heights(sample)
-    on = np.count_nonzero(np.abs(heights) < _FINE_M)
-    under = np.count_nonzero((heights <= -_FINE_M) & (heights > -3 * _FINE_M))
+    """Whether points stop at the plane: where it was seen, there are far fewer just under it.
+
+    Points of a lower table beside it do not count.
+    """
+    on, under = on_and_under(sample, plane, _FINE_M, 3 * _FINE_M, _CELL_M)
     return bool(under < _UNDER_SHARE * on)
 
 
@@ -218,8 +291,17 @@ def _plausible(planes: Floats, up: Floats | None) -> NDArray[np.bool_]:
     return np.asarray(planes[:, :3] @ up >= _TILT_GIVEN)
 
 
-def _refit(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Floats | None:
-    """Least squares through the points near the plane, repeated; None where too few are near."""
+def fitted_plane(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Floats | None:
+    """Least squares through the points near a plane, repeated.
+
+    Args:
+        points: (N, 3) float32, m.
+        plane: (4,) unit normal n and d of n . p + d = 0, m.
+        tolerances_m: of each turn, from the plane of the turn before, m.
+
+    Returns:
+        (4,) float64, facing as `plane` does; None where too few points are near.
+    """
     anchor = -plane[:3] * plane[3]
     for tolerance_m in tolerances_m:
         sums = plane_sums(points, plane, anchor, tolerance_m)
@@ -282,7 +364,7 @@ def _over_patch(on: Points, above: Points, margin: int = 0) -> NDArray[np.bool_]
         return inside
     patch = np.zeros(shape, dtype=bool)
     patch[tuple((cells - lowest).T)] = True
-    filled = _spans(patch)
+    filled = spans(patch)
     for _ in range(margin):
         grown = filled.copy()
         for axis in (0, 1):
@@ -295,8 +377,15 @@ def _over_patch(on: Points, above: Points, margin: int = 0) -> NDArray[np.bool_]
     return np.asarray(inside)
 
 
-def _spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells with plane on both sides in their row and in their column: hidden spots filled."""
+def spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells with plane on both sides in their row and in their column: hidden spots filled.
+
+    Args:
+        patch: (R, C) bool, cells in which the plane was seen.
+
+    Returns:
+        (R, C) bool.
+    """
     rows = np.logical_or.accumulate(patch, 0) & np.logical_or.accumulate(patch[::-1], 0)[::-1]
     columns = (
         np.logical_or.accumulate(patch, 1) & np.logical_or.accumulate(patch[:, ::-1], 1)[:, ::-1]
@@ -307,12 +396,23 @@ def _spans(patch: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _choose(planes: list[tuple[int, Floats]], carried: list[int]) -> Floats:
     """The plane that carries most, of those with a fair share of points; else the highest.
 
-    A slanted plane through the objects has few points; a table hides the floor under it.
+    A slanted plane through the objects has few points, a small desk over a floor too; a table
+    hides the floor under it.
     """
     most = max(votes for votes, _ in planes)
     fair = [k for k, (votes, _) in enumerate(planes) if votes >= _FAIR_SHARE * most]
+    fair += [
+        k for k, (votes, plane) in enumerate(planes)
+        if _DESK_SHARE * most <= votes < _FAIR_SHARE * most
+        and any(_is_desk(plane, planes[other][1]) for other in fair)
+    ]  # fmt: skip
     clear = [k for k in fair if carried[k] >= _FEWEST_CARRIED]
     if clear:
         return planes[max(clear, key=lambda k: (carried[k], -k))][1]
     broad = [k for k in fair if carried[k] >= 0] or fair
     return planes[min(broad, key=lambda k: (float(planes[k][1][3]), k))][1]
+
+
+def _is_desk(plane: Floats, floor: Floats) -> bool:
+    """Whether a plane lies level with another one and well over it; d falls with the height."""
+    return bool(plane[:3] @ floor[:3] >= _DESK_LEVEL and floor[3] - plane[3] >= _DESK_M)
