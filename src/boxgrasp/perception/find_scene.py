@@ -27,6 +27,7 @@ from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Se
 from boxgrasp.perception.support_plane import patch_over
 from boxgrasp.perception.view import View, scan_views, seen_points
 from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.sensor_model import SensorModel
 
 
 def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
@@ -45,19 +46,22 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     """
     # 1. The plane that carries the objects, and with it every frame.
     points, pixels = seen_points(capture)
-    placement = place_view(capture, points, config.max_range_m)
+    sensors = [config.sensor_model.seen_with(of.intrinsics) for of in (capture, *scans)]
+    placement = place_view(capture, points, config.max_range_m, sensors[0])
     T_base_source, T_base_camera = placement.T_base_source, placement.T_base_camera
     view = View(points, pixels, capture.shape, T_base_source, T_base_camera)
     views = (view, *scan_views(scans))
     # 2. What stands over it, in voxels of the table's own frame.
-    over, first_rows = _points_over(views, placement, config)
+    over, first_rows = _points_over(views, sensors, placement, config)
     voxels = downsampled(over, config.voxel_m)
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, len(voxels.centroids))
     needed = config.segmentation in NEED_IMAGE
     image = _depth_image(capture, view, placement, shown) if needed else None
-    segments = _segments(voxels.centroids, colors, image, placement, config)
+    camera_table_m = placement.camera_position_table_m(T_base_camera)
+    seen = SeenPoints(voxels.centroids, colors, camera_table_m, image, sensors[0])
+    segments = _segments(seen, config)
     clusters = segments.clusters
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     middles = cluster_middles(voxels.centroids, clusters)
@@ -84,14 +88,18 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
 
 
 def _points_over(
-    views: Sequence[View], placement: Placement, config: SceneConfig
+    views: Sequence[View],
+    sensors: Sequence[SensorModel],
+    placement: Placement,
+    config: SceneConfig,
 ) -> tuple[Points, NDArray[np.int32]]:
     """(P, 3) points of all views over the plane, table frame, and rows of those of the first."""
     places = [invert(placement.T_source_table)]
     places += [invert(placement.T_base_table) @ view.T_base_source for view in views[1:]]
+    cameras = [placement.camera_position_table_m(view.T_base_camera) for view in views]
     found = [
-        points_over(view.points, T, placement.camera_position_table_m(view.T_base_camera), config)
-        for view, T in zip(views, places, strict=True)
+        points_over(view.points, T, camera, sensor, config)
+        for view, T, camera, sensor in zip(views, places, cameras, sensors, strict=True)
     ]
     return np.vstack([points for points, _ in found]), found[0][1]
 
@@ -116,24 +124,17 @@ def _depth_image(
     return DepthImage(*images, shown.pixels, shown.rows)
 
 
-def _segments(
-    centroids: Points,
-    colors: Points | None,
-    image: DepthImage | None,
-    placement: Placement,
-    config: SceneConfig,
-) -> Segments:
+def _segments(seen: SeenPoints, config: SceneConfig) -> Segments:
     """The voxels' clusters, -1 for outliers and what the segmentation leaves out."""
-    camera_position_m = placement.camera_position_table_m(placement.T_base_camera)
-    kept = inliers(centroids, camera_position_m, config)
-    seen = SeenPoints(
-        np.ascontiguousarray(centroids[kept]),
-        None if colors is None else colors[kept],
-        camera_position_m,
-        None if image is None else _image_of_kept(image, kept),
+    kept = inliers(seen.points, seen.camera_position_m, seen.sensor, config)
+    held = replace(
+        seen,
+        points=np.ascontiguousarray(seen.points[kept]),
+        colors=None if seen.colors is None else seen.colors[kept],
+        image=None if seen.image is None else _image_of_kept(seen.image, kept),
     )
-    segments = segmentation_named(_segmentation(config, image))(seen, config)
-    clusters = np.full(len(centroids), -1, dtype=np.int64)
+    segments = segmentation_named(_segmentation(config, seen.image))(held, config)
+    clusters = np.full(len(seen.points), -1, dtype=np.int64)
     clusters[kept] = segments.clusters
     return Segments(clusters, segments.objects)
 
