@@ -24,7 +24,7 @@ RANGES_M = np.array([0.4, 0.7, 1.0, 1.6, 2.5], dtype=np.float32)
 # Standard deviations as the sources give them, mm.
 SOURCES_MM = {
     "xtion": 1.2 + 1.9 * (RANGES_M - 0.4) ** 2,  # Nguyen 2012
-    "realsense": (1000 * RANGES_M) ** 2 * 0.08 / (424 * 50),  # Intel, a D435 at 848 x 480
+    "realsense": (1000 * RANGES_M) ** 2 * 0.08 / (640 * 50),  # Intel, a D435 at 1280 x 720
     "tof": 1.5 - 0.5 * RANGES_M + 0.3 * RANGES_M**2,  # Fankhauser 2015
 }
 
@@ -40,23 +40,29 @@ def test_every_preset_is_compared_with_a_source() -> None:
 
 
 def test_noise_of_stereo_goes_with_the_captures_focal_length_and_of_others_does_not() -> None:
-    twice = intrinsics_matrix(2 * REALSENSE.focal_px)
-    halved = REALSENSE.seen_with(twice).axial_noise_m(RANGES_M)
-    np.testing.assert_allclose(2 * halved, REALSENSE.axial_noise_m(RANGES_M), rtol=1e-5)
+    half = intrinsics_matrix(REALSENSE.focal_px / 2)
+    doubled = REALSENSE.seen_with(half).axial_noise_m(RANGES_M)
+    np.testing.assert_allclose(doubled, 2 * REALSENSE.axial_noise_m(RANGES_M), rtol=1e-5)
     for sensor in (XTION, TOF):
         np.testing.assert_array_equal(
-            sensor.seen_with(twice).axial_noise_m(RANGES_M), sensor.axial_noise_m(RANGES_M)
+            sensor.seen_with(half).axial_noise_m(RANGES_M), sensor.axial_noise_m(RANGES_M)
         )
     assert REALSENSE.seen_with(None) is REALSENSE
 
 
-@pytest.mark.parametrize("focal_px", [300.0, 525.0, 1066.8])
+@pytest.mark.parametrize("focal_px", [260.0, 300.0, 525.0])
 def test_pixel_spacing_is_that_of_a_wall_seen_squarely(focal_px: float) -> None:
     intrinsics, shape = intrinsics_matrix(focal_px, (30, 40)), (30, 40)
     points, _ = Capture(np.full(shape, 0.9), intrinsics).valid_points()
     gaps = np.sort(cKDTree(points).query(points, 2)[0][:, 1])
     spacing = XTION.seen_with(intrinsics).pixel_spacing_m(np.float32([0.9]))
     np.testing.assert_allclose(gaps, np.full(len(gaps), spacing[0]), rtol=1e-3)
+
+
+def test_an_enlarged_image_tells_no_more() -> None:
+    for sensor in SENSORS.values():
+        enlarged = sensor.seen_with(intrinsics_matrix(2 * sensor.focal_px))
+        assert enlarged == sensor
 
 
 def test_points_over_the_noise_of_each_sensor() -> None:

@@ -27,7 +27,8 @@ class SensorModel:
         noise_least_at_m: range at which it is least, m.
         noise_by_focal: whether the growth holds for images of `focal_px` alone, and goes with
             1 / focal length: so it is where a share of a pixel is what cannot be told.
-        focal_px: focal length of its images, px; what a capture's own intrinsics say goes first.
+        focal_px: focal length of its finest images, px; a capture's own goes first where it is
+            shorter. A longer one is of an image enlarged to a color camera's: it tells no more.
         baseline_m: between its two eyes, or eye and projector, m: what only one of them sees has
             no depth; 0 for none.
     """
@@ -46,11 +47,11 @@ class SensorModel:
             intrinsics: (3, 3) px, or None where they are unknown, as for a cloud.
 
         Returns:
-            The same with the capture's own focal length.
+            The same with the focal length at which the capture shows what was measured.
         """
         if intrinsics is None:
             return self
-        focal_px = float(intrinsics[0, 0])
+        focal_px = min(float(intrinsics[0, 0]), self.focal_px)
         growth = self.noise_growth_per_m
         if self.noise_by_focal:
             growth *= self.focal_px / focal_px
@@ -89,24 +90,25 @@ class SensorModel:
 # Noise: Nguyen, Izadi and Lovell, 3DIMPVT 2012: 1.2 mm + 1.9 mm (z - 0.4 m)^2. Baseline:
 # Khoshelham and Oude Elberink, Sensors 12, 2012 (Kinect; the Xtion has the same sensor).
 XTION: Final = SensorModel()
-# Noise z^2 subpixel / (focal length x baseline), with subpixel 0.08, focal length 424 px (848
+# Noise z^2 subpixel / (focal length x baseline), with subpixel 0.08, focal length 640 px (1280
 # pixels over 90 degrees) and baseline 50 mm, a D435's: Intel, Tuning depth cameras for best
 # performance, revision 2.0.
 REALSENSE: Final = SensorModel(
     noise_floor_m=0.0,
-    noise_growth_per_m=0.08 / (424.0 * 0.050),
+    noise_growth_per_m=0.08 / (640.0 * 0.050),
     noise_least_at_m=0.0,
     noise_by_focal=True,
-    focal_px=424.0,
+    focal_px=640.0,
     baseline_m=0.050,
 )
 # A Kinect v2's, facing a surface: 1.5 - 0.5 z + 0.3 z^2 mm, z in meters, here as a square of the
-# distance from its least: Fankhauser et al., ICAR 2015. One eye, one clock: no baseline.
+# distance from its least: Fankhauser et al., ICAR 2015. The focal length is an Azure Kinect's
+# (640 x 576). One eye, one clock: no baseline.
 TOF: Final = SensorModel(
     noise_floor_m=0.00129,
     noise_growth_per_m=0.0003,
     noise_least_at_m=0.83,
-    focal_px=365.0,
+    focal_px=504.0,
     baseline_m=0.0,
 )
 SENSORS: Final[Mapping[str, SensorModel]] = MappingProxyType(
