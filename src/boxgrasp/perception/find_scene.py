@@ -25,9 +25,12 @@ from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.segmentation import NEED_IMAGE, WITHOUT_IMAGE, segmentation_named
 from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Segments
 from boxgrasp.perception.support_plane import patch_over
+from boxgrasp.perception.table_edges import are_no_things
 from boxgrasp.perception.view import View, scan_views, seen_points
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.sensor_model import SensorModel
+
+_TOLD_SHARE = 0.001  # of the points: fewer flying pixels are not worth a warning
 
 
 def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
@@ -45,12 +48,12 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         SceneError: no support plane, nothing on it, or a scan whose place is unknown.
     """
     # 1. The plane that carries the objects, and with it every frame.
-    points, pixels = seen_points(capture)
-    sensors = [config.sensor_model.seen_with(of.intrinsics) for of in (capture, *scans)]
+    sensors = [config.sensor_model.seen_with(of.focal_px) for of in (capture, *scans)]
+    points, pixels, flying = seen_points(capture, sensors[0])
     placement = place_view(capture, points, config.max_range_m, sensors[0])
     T_base_source, T_base_camera = placement.T_base_source, placement.T_base_camera
-    view = View(points, pixels, capture.shape, T_base_source, T_base_camera)
-    views = (view, *scan_views(scans))
+    view = View(points, pixels, capture.shape, T_base_source, T_base_camera, flying)
+    views = (view, *scan_views(scans, config.sensor_model))
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, sensors, placement, config)
     voxels = downsampled(over, config.voxel_m)
@@ -66,6 +69,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     middles = cluster_middles(voxels.centroids, clusters)
     over_table = patch_over(points, placement.T_source_table, middles) & segments.objects
+    over_table &= ~are_no_things(capture, placement.T_source_table, voxels.centroids, clusters)
     points_base = transform(placement.T_base_table, voxels.centroids)
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
@@ -82,7 +86,8 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
-        warnings=_warnings(config, image),
+        warnings=(*_warnings(config, image), *_flying_warnings(views)),
+        sensor=config.sensor_model,
         _shown=_of_kept(shown, kept),
     )
 
@@ -163,3 +168,11 @@ def _warnings(config: SceneConfig, image: DepthImage | None) -> tuple[CodedWarni
         return ()
     said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
     return (CodedWarning("segmentation_without_image", said),)
+
+
+def _flying_warnings(views: Sequence[View]) -> tuple[CodedWarning, ...]:
+    count, of = sum(view.flying for view in views), sum(len(view.points) for view in views)
+    if count <= _TOLD_SHARE * of:
+        return ()
+    said = f"{count} pixels lie between two surfaces and show neither: they were left out"
+    return (CodedWarning("flying_pixels", said),)

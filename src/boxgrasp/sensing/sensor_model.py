@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from msgspec import Meta
 
-from boxgrasp.arrays import Floats, Points
+from boxgrasp.arrays import Points
 
 SensorName = Literal["xtion", "realsense", "tof"]
 
@@ -40,18 +40,17 @@ class SensorModel:
     focal_px: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 525.0
     baseline_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.075
 
-    def seen_with(self, intrinsics: Floats | None) -> SensorModel:
+    def seen_with(self, focal_px: float | None) -> SensorModel:
         """The camera that took a capture.
 
         Args:
-            intrinsics: (3, 3) px, or None where they are unknown, as for a cloud.
+            focal_px: of its image, or None where it is unknown, as for a cloud.
 
         Returns:
             The same with the focal length at which the capture shows what was measured.
         """
-        if intrinsics is None:
+        if focal_px is None or focal_px >= self.focal_px:
             return self
-        focal_px = min(float(intrinsics[0, 0]), self.focal_px)
         growth = self.noise_growth_per_m
         if self.noise_by_focal:
             growth *= self.focal_px / focal_px
