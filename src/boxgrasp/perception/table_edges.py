@@ -69,7 +69,7 @@ def _at_edge(capture: Capture, T_source_table: Floats, points: Points) -> bool:
     on_table[..., :2] = points[:, None, None, :2] + off  # points, distances, directions
     through, missing = _seen(capture.depth, capture.intrinsics, transform(T_source_table, on_table))
     ends = (through | missing).all(axis=1) & through.any(axis=1)
-    return bool(np.count_nonzero(ends.any(axis=1)) > _EDGE_SHARE * len(points))
+    return bool(np.count_nonzero(np.any(ends, axis=1)) > _EDGE_SHARE * len(points))
 
 
 def _seen(
