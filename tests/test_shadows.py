@@ -138,3 +138,25 @@ def test_the_bound_goes_with_the_baseline() -> None:
         target = Target(pixel=(320, 90))
         told.append(bounds_of(GraspSelector(config).select(Capture(noisy, K, CAMERA), target)))
     assert told[0] == set() and told[1] != set()
+
+
+def test_an_organized_cloud_knows_the_same_edges() -> None:
+    """In the optical and in the base frame, as its depth image."""
+    depth = shadowed([Plane(0.0), BOX], CAMERA, (0.075, 0.0))
+    wide = depth.copy()
+    wide[:, 330:] = 0.0
+    for image in (depth, wide):
+        noisy = add_noise(image, np.random.default_rng(1), NoiseModel())
+        capture = Capture(noisy, K, CAMERA)
+        points = np.full((480, 640, 3), np.nan, dtype=np.float32)
+        own, pixels = capture.valid_points()
+        points.reshape(-1, 3)[pixels] = own
+        optical = Capture.from_cloud(points, T_base_camera=CAMERA)
+        moved = transform(CAMERA, points)
+        base = Capture.from_cloud(moved, T_base_camera=CAMERA, cloud_frame="base")
+        told = [
+            bounds_of(GraspSelector().select(of, Target(pixel=(310, 215))))
+            for of in (capture, optical, base)
+        ]
+        assert told[0] == told[1] == told[2]
+        assert bool(told[0]) == (image is wide)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def find_truncation(
     window = scene.target_window(target_mask, _REACH_PX)
     if window is not None and scene.T_base_camera is not None:
         depth = _depths(window, scene.T_base_camera, capture.robot_mask)
-        sides = _sides(window, depth, _Shadow(capture, scene.sensor))
+        sides = _sides(window, depth, _Shadow(capture, scene.sensor, scene.T_base_camera))
         cut = sides.cut
         for axis in _hidden_edges(sides, scene.T_base_camera, box):
             known[axis] = False
@@ -114,11 +115,24 @@ class _Shadow:
 
     Attributes:
         capture: the view.
-        sensor: whose eyes lie a baseline apart along the image's rows.
+        sensor: whose eyes lie a baseline apart.
+        T_base_camera: (4, 4).
     """
 
     capture: Capture
     sensor: SensorModel
+    T_base_camera: Floats
+
+    @cached_property
+    def image(self) -> NDArray[np.float32]:
+        """(H, W) depth, m, 0 for missing."""
+        capture, shape = self.capture, self.capture.shape
+        if capture.depth is not None or capture.points is None or shape is None:
+            return np.zeros((0, 0), np.float32) if capture.depth is None else capture.depth
+        points = capture.points
+        if capture.cloud_frame == "base":
+            points = transform(invert(self.T_base_camera), points)
+        return np.nan_to_num(points[:, 2], nan=0.0).reshape(shape)
 
     def explains(
         self,
@@ -134,10 +148,10 @@ class _Shadow:
 
         at: (n,) rows v and (n,) columns u of the pixels; step: to the hole; depth: (n,) theirs, m.
         """
-        image, focal_px = self.capture.depth, self.capture.focal_px
         found = np.zeros(len(depth), dtype=np.bool_)
-        if image is None or focal_px is None or len(depth) == 0:
+        if len(depth) == 0:
             return found
+        image, focal_px = self.image, self.capture.focal_px or self.sensor.focal_px
         bridged_px = np.maximum(_REACH_PX, focal_px * _BRIDGED_M / depth)
         widest_px = focal_px * self.sensor.baseline_m / depth + bridged_px
         undecided = np.ones(len(depth), dtype=np.bool_)
