@@ -291,7 +291,8 @@ def test_objects_as_json_and_masks(
     (told,) = answers(capsys.readouterr().out)
     selector = GraspSelector()
     objects = selector.objects(view)
-    assert set(told) == {"capture", "frame", "T_base_camera", "objects", "warnings"}
+    fields = {"capture", "frame", "T_base_camera", "objects", "flying_pixels", "warnings"}
+    assert set(told) == fields and told["flying_pixels"] == selector.scene(view).flying_pixels
     assert (told["capture"], told["frame"], told["warnings"]) == (table, "given", [])
     np.testing.assert_array_equal(told["T_base_camera"], view.T_base_camera)
     for item, said in zip(objects, told["objects"], strict=True):  # type: ignore[call-overload]

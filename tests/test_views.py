@@ -23,7 +23,8 @@ from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.segmentation import SEGMENTATIONS
 from boxgrasp.perception.segmentation.clusters import rows_by_cluster
 from boxgrasp.perception.segmentation.protocol import SeenPoints, Segments
-from boxgrasp.perception.view import View, rows_of, scan_views
+from boxgrasp.perception.view import View, rows_of, scan_views, seen_points
+from boxgrasp.sensing.sensor_model import XTION
 from boxgrasp.simulate import to_capture
 
 LAID = laid(
@@ -231,10 +232,10 @@ def test_rays_lie_in_the_first_views_frame(stride: int | None) -> None:
     T = make_transform(rotation_z(0.3), (0.1, -0.2, 0.05)) @ second.T_base_camera
     moved = Capture(second.depth, second.intrinsics, T)
     base = Capture.from_cloud(np.array([[0.5, 0.1, 0.9], [0.6, 0.1, 0.9]]), cloud_frame="base")
-    views = (*scan_views((first,)), *scan_views((moved, base)))
+    views = (*scan_views((first,), XTION), *scan_views((moved, base), XTION))
     rays = view_rays(views, stride)
     T_first_base = invert(first.T_base_camera)
-    expected = (first.valid_points(), moved.valid_points(), base.valid_points())
+    expected = [seen_points(of, XTION)[:2] for of in (first, moved, base)]
     places = (np.eye(4), T_first_base @ T, T_first_base)
     for (points, _), (every, pixels), place in zip(rays, expected, places, strict=True):
         if stride is None and len(every) > 2:  # a dense image: every second row and column

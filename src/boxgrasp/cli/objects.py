@@ -70,6 +70,7 @@ def _json(path: str, scene: Scene, warnings: Sequence[CodedWarning]) -> str:
         "frame": scene.frame,
         "T_base_camera": None if T is None else T.tolist(),
         "objects": [_object(item) for item in scene.objects_with_pixels()],
+        "flying_pixels": scene.flying_pixels,
         "warnings": [plain(warning) for warning in warnings],
     }
     return json.dumps(answer, allow_nan=False)

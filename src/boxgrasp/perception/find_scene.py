@@ -24,8 +24,12 @@ from boxgrasp.perception.scene import Scene, ShownPoints
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.segmentation import NEED_IMAGE, WITHOUT_IMAGE, segmentation_named
 from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Segments
+from boxgrasp.perception.table_edges import are_no_things
 from boxgrasp.perception.view import View, scan_views, seen_points
 from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.sensor_model import SensorModel
+
+_TOLD_SHARE = 0.001  # of the points: fewer flying pixels are not worth a warning
 
 
 def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) -> Scene:
@@ -43,24 +47,28 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         SceneError: no support plane, nothing on it, or a scan whose place is unknown.
     """
     # 1. The plane that carries the objects, and with it every frame.
-    points, pixels = seen_points(capture)
-    placement = place_view(capture, points, config.max_range_m)
+    sensors = [config.sensor_model.seen_with(of.focal_px) for of in (capture, *scans)]
+    points, pixels, flying = seen_points(capture, sensors[0])
+    placement = place_view(capture, points, config.max_range_m, sensors[0])
     T_base_source, T_base_camera = placement.T_base_source, placement.T_base_camera
-    view = View(points, pixels, capture.shape, T_base_source, T_base_camera)
-    views = (view, *scan_views(scans))
+    view = View(points, pixels, capture.shape, T_base_source, T_base_camera, flying)
+    views = (view, *scan_views(scans, config.sensor_model))
     # 2. What stands over it, in voxels of the table's own frame.
-    over, first_rows = _points_over(views, placement, config)
+    over, first_rows = _points_over(views, sensors, placement, config)
     voxels = downsampled(over, config.voxel_m)
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, len(voxels.centroids))
     needed = config.segmentation in NEED_IMAGE
     image = _depth_image(capture, view, placement, shown) if needed else None
-    segments = _segments(voxels.centroids, colors, image, placement, config)
+    camera_table_m = placement.camera_position_table_m(T_base_camera)
+    seen = SeenPoints(voxels.centroids, colors, camera_table_m, image, sensors[0])
+    segments = _segments(seen, config)
     clusters = segments.clusters
     # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
     middles = cluster_middles(voxels.centroids, clusters)
     over_table = placement.over_seen(points, middles) & segments.objects
+    over_table &= ~are_no_things(capture, placement.T_source_table, voxels.centroids, clusters)
     points_base = transform(placement.T_base_table, voxels.centroids)
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
@@ -78,21 +86,29 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
-        warnings=(*_warnings(config, image), *placement.supports.warnings()),
+        warnings=(
+            *_warnings(config, image),
+            *placement.supports.warnings(),
+            *_flying_warnings(views),
+        ),
+        sensor=config.sensor_model,
         _shown=_of_kept(shown, kept),
     )
 
 
 def _points_over(
-    views: Sequence[View], placement: Placement, config: SceneConfig
+    views: Sequence[View],
+    sensors: Sequence[SensorModel],
+    placement: Placement,
+    config: SceneConfig,
 ) -> tuple[Points, NDArray[np.int32]]:
     """(P, 3) points of all views over the plane, table frame, and rows of those of the first."""
     places = [invert(placement.T_source_table)]
     places += [invert(placement.T_base_table) @ view.T_base_source for view in views[1:]]
     cameras = [placement.camera_position_table_m(view.T_base_camera) for view in views]
     found = [
-        points_over(view.points, T, camera, placement.supports, config)
-        for view, T, camera in zip(views, places, cameras, strict=True)
+        points_over(view.points, T, camera, placement.supports, sensor, config)
+        for view, T, camera, sensor in zip(views, places, cameras, sensors, strict=True)
     ]
     return np.vstack([points for points, _ in found]), found[0][1]
 
@@ -117,24 +133,17 @@ def _depth_image(
     return DepthImage(*images, shown.pixels, shown.rows)
 
 
-def _segments(
-    centroids: Points,
-    colors: Points | None,
-    image: DepthImage | None,
-    placement: Placement,
-    config: SceneConfig,
-) -> Segments:
+def _segments(seen: SeenPoints, config: SceneConfig) -> Segments:
     """The voxels' clusters, -1 for outliers and what the segmentation leaves out."""
-    camera_position_m = placement.camera_position_table_m(placement.T_base_camera)
-    kept = inliers(centroids, camera_position_m, config)
-    seen = SeenPoints(
-        np.ascontiguousarray(centroids[kept]),
-        None if colors is None else colors[kept],
-        camera_position_m,
-        None if image is None else _image_of_kept(image, kept),
+    kept = inliers(seen.points, seen.camera_position_m, seen.sensor, config)
+    held = replace(
+        seen,
+        points=np.ascontiguousarray(seen.points[kept]),
+        colors=None if seen.colors is None else seen.colors[kept],
+        image=None if seen.image is None else _image_of_kept(seen.image, kept),
     )
-    segments = segmentation_named(_segmentation(config, image))(seen, config)
-    clusters = np.full(len(centroids), -1, dtype=np.int64)
+    segments = segmentation_named(_segmentation(config, seen.image))(held, config)
+    clusters = np.full(len(seen.points), -1, dtype=np.int64)
     clusters[kept] = segments.clusters
     return Segments(clusters, segments.objects)
 
@@ -163,3 +172,11 @@ def _warnings(config: SceneConfig, image: DepthImage | None) -> tuple[CodedWarni
         return ()
     said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
     return (CodedWarning("segmentation_without_image", said),)
+
+
+def _flying_warnings(views: Sequence[View]) -> tuple[CodedWarning, ...]:
+    count, of = sum(view.flying for view in views), sum(len(view.points) for view in views)
+    if count <= _TOLD_SHARE * of:
+        return ()
+    said = f"{count} pixels lie between two surfaces and show neither: they were left out"
+    return (CodedWarning("flying_pixels", said),)

@@ -14,19 +14,14 @@ from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbors, voxel_centroids
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.supports import Supports
-from boxgrasp.sensing.sensor_model import (
-    FOCAL_PX,
-    NOISE_FLOOR_M,
-    NOISE_GROWTH_PER_M,
-    NOISE_LEAST_AT_M,
-)
+from boxgrasp.sensing.sensor_model import SensorModel
 
 # Said where there is no point over the plane, and where no cluster of them is an object.
 NOTHING = "nothing stands on the support plane; valid: at least one object in view"
 
 _OBSTACLES_BEYOND_M = 0.6  # past max_range_m, from where a thing may still be in a hand's way
 _EVERYWHERE_M = 1e6  # a range that leaves out nothing
-_UNKNOWN_NOISE_M = 0.002  # the axial noise at 1.05 m, where the camera's place is unknown
+_UNKNOWN_RANGE_M = np.float32(1.05)  # taken for the range where the camera's place is unknown
 _MOST_VOXELS = 1_000_000  # bounds memory and time; a cluttered table has some 20,000
 _FARTHEST_M = 1000.0  # cells are numbered in 21 bits
 _REACH = 2.4  # spacings of the points within which neighbors are looked for; farther count as so
@@ -52,6 +47,7 @@ def points_over(
     T_table_source: Floats,
     camera_position_m: Floats | None,
     supports: Supports,
+    sensor: SensorModel,
     config: SceneConfig,
 ) -> tuple[Points, NDArray[np.int32]]:
     """The points over the surfaces that they stand on, out of those surfaces' noise.
@@ -61,6 +57,7 @@ def points_over(
         T_table_source: (4, 4).
         camera_position_m: (3,) table frame, m, or None where it is unknown.
         supports: the surfaces, table frame.
+        sensor: whose noise the table has.
         config: heights and ranges.
 
     Returns:
@@ -68,11 +65,11 @@ def points_over(
     """
     if camera_position_m is None:
         origin, farthest_m = np.zeros(3), _EVERYWHERE_M
-        band_m, noise_gain = config.min_height_m + config.noise_gain * _UNKNOWN_NOISE_M, 0.0
+        noise_m = float(sensor.axial_noise_m(np.asarray(_UNKNOWN_RANGE_M)))
+        band_m, noise_gain = config.min_height_m + config.noise_gain * noise_m, 0.0
     else:
         origin, farthest_m = camera_position_m, config.max_range_m + _OBSTACLES_BEYOND_M
         band_m, noise_gain = config.min_height_m, config.noise_gain
-    noise = (NOISE_FLOOR_M, NOISE_GROWTH_PER_M, NOISE_LEAST_AT_M)
     plan = (*supports.corner_m.tolist(), supports.cell_m)
     parts: list[tuple[int, Points, NDArray[np.int32]]] = []
 
@@ -80,7 +77,7 @@ def points_over(
         found = np.empty((last - first, 3), dtype=np.float32)
         rows = np.empty(last - first, dtype=np.int32)
         count = above_plane(
-            points[first:last], T_table_source, origin, band_m, noise_gain, noise,
+            points[first:last], T_table_source, origin, band_m, noise_gain, sensor.noise,
             config.max_height_m, farthest_m, supports.planes, supports.owner, plan, found, rows,
         )  # fmt: skip
         parts.append((first, found[:count], rows[:count] + np.int32(first)))
@@ -121,7 +118,10 @@ def downsampled(points: Points, voxel_m: float) -> Voxels:
 
 
 def inliers(
-    centroids: Points, camera_position_m: Floats | None, config: SceneConfig
+    centroids: Points,
+    camera_position_m: Floats | None,
+    sensor: SensorModel,
+    config: SceneConfig,
 ) -> NDArray[np.bool_]:
     """Statistical trimming: mean neighbor distance within sigma of the usual, at its range.
 
@@ -131,6 +131,7 @@ def inliers(
     Args:
         centroids: (V, 3) float32, table frame, m.
         camera_position_m: (3,) table frame, m, or None where it is unknown.
+        sensor: how far apart its pixels lie.
         config: voxel size and what is trimmed.
 
     Returns:
@@ -140,7 +141,7 @@ def inliers(
     if camera_position_m is not None:  # a farther surface is sampled more thinly
         off = centroids - camera_position_m.astype(np.float32)
         range_m = np.sqrt(np.einsum("ij,ij->i", off, off))
-        spread = np.maximum(spread, range_m / np.float32(FOCAL_PX))
+        spread = np.maximum(spread, sensor.pixel_spacing_m(range_m))
     reach_m = _REACH * float(np.median(spread))
     neighbors = Neighbors(centroids, config.outlier_nb_neighbors, reach_m)
     measured = neighbors.means(np.zeros(len(centroids), dtype=np.float32), _MEASURED_CELLS)

@@ -13,6 +13,7 @@ from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.perception.support_plane import find_support_plane, patch_over, support_frame
 from boxgrasp.perception.supports import Supports, find_supports
 from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.sensor_model import XTION, SensorModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +78,16 @@ class Placement:
         return patch_over(points, self.T_source_table, above) | (self.supports.owners(above) > 0)
 
 
-def place_view(capture: Capture, points: Points, max_range_m: float) -> Placement:
+def place_view(
+    capture: Capture, points: Points, max_range_m: float, sensor: SensorModel = XTION
+) -> Placement:
     """Find the plane that carries the objects, and lay the frames by it or as they are given.
 
     Args:
         capture: the view.
         points: (N, 3) float32 its points, source frame, m.
         max_range_m: how far from the camera objects are looked for, m.
+        sensor: whose noise the points have.
 
     Returns:
         Plane and frames.
@@ -96,7 +100,7 @@ def place_view(capture: Capture, points: Points, max_range_m: float) -> Placemen
     camera_position_m = None if given is None else given[:3, 3]
     if optical:
         up, camera_position_m = None if given is None else given[2, :3], np.zeros(3)
-    plane = find_support_plane(points, up, camera_position_m, max_range_m)
+    plane = find_support_plane(points, up, camera_position_m, max_range_m, sensor)
     T_source_table = support_frame(plane, optical)
     supports = find_supports(points, T_source_table, camera_position_m, max_range_m)
     T_base_source = np.eye(4)

@@ -18,6 +18,7 @@ from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.supports import Supports
 from boxgrasp.perception.view import View, rows_of, scan_views
 from boxgrasp.sensing.capture import Capture, Pixels
+from boxgrasp.sensing.sensor_model import SensorModel
 
 TABLE, MISSING = -1, -2  # what a pixel shows where it shows no point of the scene
 
@@ -72,6 +73,7 @@ class Scene:
         T_base_table: (4, 4), z on the plane's normal, z = 0 on it.
         views: the points of every capture, the first one's before the further scans'.
         warnings: what the user should know of how it was found.
+        sensor: what saw it.
     """
 
     points: Points
@@ -85,12 +87,18 @@ class Scene:
     T_base_table: Floats
     views: tuple[View, ...]
     warnings: tuple[CodedWarning, ...]
+    sensor: SensorModel
     _shown: ShownPoints
 
     @property
     def shape(self) -> tuple[int, int] | None:
         """(H, W) of the first view, or None without an image."""
         return self.views[0].shape
+
+    @property
+    def flying_pixels(self) -> int:
+        """How many pixels of all views lie between two surfaces and were left out."""
+        return sum(view.flying for view in self.views)
 
     @property
     def T_base_source(self) -> Floats:
@@ -124,7 +132,7 @@ class Scene:
         Raises:
             SceneError: a scan does not say where its camera stood.
         """
-        return replace(self, views=(self.views[0], *scan_views(scans)))
+        return replace(self, views=(self.views[0], *scan_views(scans, self.sensor)))
 
     def rows_at(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
         """Which point each pixel shows.

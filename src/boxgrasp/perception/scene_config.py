@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from boxgrasp.errors import ConfigError
 from boxgrasp.perception.segmentation import SEGMENTATIONS
+from boxgrasp.sensing.sensor_model import SENSORS, SensorModel, SensorName
 
 Meters = Annotated[float, Meta(gt=0.0, le=20.0)]
 Corner = tuple[float, float, float]
@@ -28,6 +29,7 @@ class SceneConfig:
         network: path of a network that `boxgrasp train segmentation` wrote, None for the one that
             ships.
         min_height_m: height over the plane under which a point is the table's, m.
+        sensor: what saw the scene, `xtion`, `realsense` or `tof`, or numbers of your own; ours.
         noise_gain: how many times the camera's axial noise is added to `min_height_m`; ours.
         max_height_m: height over the plane up to which points count, m.
         outlier_nb_neighbors: nearest neighbors whose mean distance tells an outlier.
@@ -45,6 +47,7 @@ class SceneConfig:
     cluster_tolerance_m: Annotated[float, Meta(ge=0.004, le=0.2)] = 0.015
     segmentation: str = "network"
     network: str | None = None
+    sensor: SensorName | SensorModel = "xtion"
     min_height_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.003
     noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 2.5
     max_height_m: Meters = 1.0
@@ -69,3 +72,8 @@ class SceneConfig:
             raise ConfigError(
                 f"scene.segmentation is {self.segmentation!r}; valid: {', '.join(SEGMENTATIONS)}"
             )
+
+    @property
+    def sensor_model(self) -> SensorModel:
+        """The sensor's numbers, before a capture's own focal length is known."""
+        return SENSORS[self.sensor] if isinstance(self.sensor, str) else self.sensor

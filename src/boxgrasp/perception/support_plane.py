@@ -11,7 +11,7 @@ from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.kernels.levels import on_and_under, patch_moments
 from boxgrasp.kernels.plane import plane_sums, plane_votes
-from boxgrasp.sensing.sensor_model import axial_noise_m
+from boxgrasp.sensing.sensor_model import XTION, SensorModel
 
 # Found on cast scenes and on the real captures that the tests read.
 _SAMPLE = 1500  # points tell the planes as well as all
@@ -56,7 +56,11 @@ _LAID = 0.05  # of an axis' length, laid on the plane, from which it tells a dir
 
 
 def find_support_plane(
-    points: Points, up: Floats | None, camera_position_m: Floats | None, max_range_m: float
+    points: Points,
+    up: Floats | None,
+    camera_position_m: Floats | None,
+    max_range_m: float,
+    sensor: SensorModel = XTION,
 ) -> Plane:
     """RANSAC over local proposals, the one that carries the objects, a refit (appendix A).
 
@@ -66,6 +70,7 @@ def find_support_plane(
             unknown tilt, where planes that face downwards in the image are left out.
         camera_position_m: (3,) in the points' frame, m, or None where it is unknown.
         max_range_m: how far from the camera objects are looked for, m.
+        sensor: whose noise the points have.
 
     Returns:
         The plane, in the points' frame.
@@ -81,7 +86,7 @@ def find_support_plane(
             "no support plane found; valid: a view with a level surface under the objects"
         )
     # 2. The one of them that carries most.
-    chosen = _choose(planes, _all_carried(sample, planes, camera_position_m, max_range_m))
+    chosen = _choose(planes, _all_carried(sample, planes, camera_position_m, max_range_m, sensor))
     # 3. The same plane through many points near the objects, and through one level alone.
     dense = _dense(points, camera_position_m, max_range_m)
     plane = fitted_plane(dense, chosen, (_COARSE_M,))
@@ -135,13 +140,14 @@ def _all_carried(
     planes: list[tuple[int, Floats]],
     camera_position_m: Floats | None,
     max_range_m: float,
+    sensor: SensorModel,
 ) -> list[int]:
     """What each plane carries of the sample's points in reach of the camera."""
     noise_m = np.zeros(len(sample), dtype=np.float32)
     within = np.ones(len(sample), dtype=bool)
     if camera_position_m is not None:
         ranges = np.linalg.norm(sample - camera_position_m.astype(np.float32), axis=1)
-        noise_m, within = axial_noise_m(ranges), ranges <= max_range_m
+        noise_m, within = sensor.axial_noise_m(ranges), ranges <= max_range_m
     return [_carried(sample, within, noise_m, plane) for _, plane in planes]
 
 

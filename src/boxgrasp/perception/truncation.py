@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,11 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.perception.scene import Scene, TargetWindow
 from boxgrasp.sensing.capture import Capture
+from boxgrasp.sensing.sensor_model import SensorModel
 
 # Found on cast scenes, where the hidden edges are known.
 _REACH_PX = 6  # from an edge to what hides it: holes in the depth are narrower
+_BRIDGED_M = 0.015  # m, holes as wide as this are bridged too
 _NEARER_M = 0.02  # m, from which one thing is in front of another
 _EDGE_BAND_M = 0.012  # m, inside the box's edge: what lies there is at the edge
 _HIDDEN_SHARE = 0.5  # of the target's ends on a side, from which something else makes them
@@ -63,7 +66,8 @@ def find_truncation(
     cut = False
     window = scene.target_window(target_mask, _REACH_PX)
     if window is not None and scene.T_base_camera is not None:
-        sides = _sides(window, _depths(window, scene.T_base_camera, capture.robot_mask))
+        depth = _depths(window, scene.T_base_camera, capture.robot_mask)
+        sides = _sides(window, depth, _Shadow(capture, scene.sensor, scene.T_base_camera))
         cut = sides.cut
         for axis in _hidden_edges(sides, scene.T_base_camera, box):
             known[axis] = False
@@ -94,7 +98,8 @@ class _Sides:
     Attributes:
         window: the image round the target.
         ends: (h, w) bool a side, pixels that end there.
-        beyond: (h, w) bool a side, those where a nearer thing or the border is next.
+        beyond: (h, w) bool a side, those where the target may go on: a nearer thing is next, the
+            border, or a hole in the depth that no shadow explains.
         cut: whether the image border cuts the target.
     """
 
@@ -102,6 +107,72 @@ class _Sides:
     ends: tuple[NDArray[np.bool_], ...]
     beyond: tuple[NDArray[np.bool_], ...]
     cut: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Shadow:
+    """Which holes in the depth are shadows: seen by one of the sensor's eyes alone.
+
+    Attributes:
+        capture: the view.
+        sensor: whose eyes lie a baseline apart.
+        T_base_camera: (4, 4).
+    """
+
+    capture: Capture
+    sensor: SensorModel
+    T_base_camera: Floats
+
+    @cached_property
+    def image(self) -> NDArray[np.float32]:
+        """(H, W) depth, m, 0 for missing."""
+        capture, shape = self.capture, self.capture.shape
+        if capture.depth is not None or capture.points is None or shape is None:
+            return np.zeros((0, 0), np.float32) if capture.depth is None else capture.depth
+        points = capture.points
+        if capture.cloud_frame == "base":
+            points = transform(invert(self.T_base_camera), points)
+        return np.nan_to_num(points[:, 2], nan=0.0).reshape(shape)
+
+    def explains(
+        self,
+        at: tuple[NDArray[np.int64], NDArray[np.int64]],
+        step: tuple[int, int],
+        depth: NDArray[np.float32],
+    ) -> NDArray[np.bool_]:
+        """Whether a surface is seen to end at pixels that have no depth beside them.
+
+        An outline at depth z casts a shadow of f b (1 / z - 1 / z') pixels on what lies at z'
+        behind it; past the image's border z' may be anything. A hole as wide as that, with a
+        farther surface past it, hides nothing else. The eyes may lie along either image axis.
+
+        at: (n,) rows v and (n,) columns u of the pixels; step: to the hole; depth: (n,) theirs, m.
+        """
+        found = np.zeros(len(depth), dtype=np.bool_)
+        if len(depth) == 0:
+            return found
+        image, focal_px = self.image, self.capture.focal_px or self.sensor.focal_px
+        bridged_px = np.maximum(_REACH_PX, focal_px * _BRIDGED_M / depth)
+        widest_px = focal_px * self.sensor.baseline_m / depth + bridged_px
+        undecided = np.ones(len(depth), dtype=np.bool_)
+        for by in range(_REACH_PX + 1, int(widest_px.max()) + 1):
+            undecided &= by <= widest_px
+            v, u = at[0] + step[0] * by, at[1] + step[1] * by
+            inside = (v >= 0) & (v < image.shape[0]) & (u >= 0) & (u < image.shape[1])
+            found |= undecided & ~inside
+            undecided &= inside
+            if not undecided.any():
+                break
+            rows = np.flatnonzero(undecided)
+            rows = rows[image[v[rows], u[rows]] > 0]
+            next_m = image[v[rows], u[rows]]
+            wide_px = (
+                focal_px * self.sensor.baseline_m * np.maximum(1 / depth[rows] - 1 / next_m, 0)
+            )
+            farther = next_m > depth[rows] - _NEARER_M
+            found[rows] = farther & (by <= wide_px + bridged_px[rows])
+            undecided[rows] = False
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,18 +206,25 @@ def _padded(array: Array, value: float) -> Array:
     return padded
 
 
-def _sides(window: TargetWindow, depth: NDArray[np.float32]) -> _Sides:
+def _sides(window: TargetWindow, depth: NDArray[np.float32], shadow: _Shadow) -> _Sides:
     deep = _padded(depth, np.inf)
     padded = _Padded(_padded(window.target_mask, False), deep, np.isfinite(deep), depth - _NEARER_M)
     scanned = [
         _scan_side(padded, step, open_side)
         for step, open_side in zip(_STEPS, window.open_sides, strict=True)
     ]
+    beyond = []
+    for step, (_, hidden, blank, border) in zip(_STEPS, scanned, strict=True):
+        unknown = blank & ~border
+        rows, columns = np.nonzero(unknown)
+        at = rows + window.rows.start, columns + window.columns.start
+        unknown[rows, columns] = ~shadow.explains(at, step, depth[rows, columns])
+        beyond.append(hidden | border | unknown)
     return _Sides(
         window,
-        ends=tuple(ends for ends, _, _ in scanned),
-        beyond=tuple(nearer | border for _, nearer, border in scanned),
-        cut=any(int(np.count_nonzero(border)) >= _LEAST_PX for _, _, border in scanned),
+        ends=tuple(ends for ends, _, _, _ in scanned),
+        beyond=tuple(beyond),
+        cut=any(int(np.count_nonzero(border)) >= _LEAST_PX for _, _, _, border in scanned),
     )
 
 
@@ -190,7 +268,7 @@ def _is_face(depths_m: Points) -> bool:
 def _is_hidden(
     at_edge: NDArray[np.bool_], ends: NDArray[np.bool_], beyond: NDArray[np.bool_]
 ) -> bool:
-    """Whether the target's end on one side of the image is mostly something nearer's doing.
+    """Whether most of the target's end on one side of the image may not be its own.
 
     Not so where a fair stretch of the box's edge itself ends freely: its place is seen there.
     """
@@ -220,9 +298,9 @@ def _image_step(T_base_camera: Floats, outward: Floats) -> int:
 
 def _scan_side(
     padded: _Padded, step: tuple[int, int], open_side: bool
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """The target's pixels that end to one side; those of them where a nearer thing is next; those
-    at the image's border, where the window ends with it.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """The target's pixels that end to one side; those of them where a nearer thing is next; where
+    nothing is measured next; and at the image's border, where the window ends with it.
     """
     ends = padded.shifted(padded.target_mask, step, 0).copy()
     nearer = np.zeros_like(ends)
@@ -237,4 +315,4 @@ def _scan_side(
     if open_side:
         rims = (np.s_[:, :_RIM_PX], np.s_[:, -_RIM_PX:], np.s_[:_RIM_PX], np.s_[-_RIM_PX:])
         border[rims[_STEPS.index(step)]] = True
-    return ends, ends & nearer, ends & border
+    return ends, ends & nearer, ends & ~decided, ends & border

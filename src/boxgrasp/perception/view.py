@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.kernels.backproject import every_step
+from boxgrasp.perception.flying_pixels import flying_pixels
 from boxgrasp.sensing.capture import Capture, Pixels
+from boxgrasp.sensing.sensor_model import SensorModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +27,7 @@ class View:
         shape: (H, W) of the image, or None.
         T_base_source: (4, 4) maps the view's own frame into the base frame.
         T_base_camera: (4, 4), or None where the camera's place is unknown.
+        flying: how many pixels were left out because they lie between two surfaces.
     """
 
     points: Points
@@ -32,6 +35,7 @@ class View:
     shape: tuple[int, int] | None
     T_base_source: Floats
     T_base_camera: Floats | None
+    flying: int = 0
 
     def thinned(self, step: int) -> Points:
         """The points of every `step`-th row and column of the image.
@@ -50,28 +54,33 @@ class View:
         return readonly(kept[: every_step(self.points, self.pixels, width, step, kept)])
 
 
-def seen_points(capture: Capture) -> tuple[Points, Pixels]:
-    """The valid points of a capture, and where each stands in it.
+def seen_points(capture: Capture, sensor: SensorModel) -> tuple[Points, Pixels, int]:
+    """The points of a capture that show a surface, and where each stands in it.
 
     Args:
         capture: the view.
+        sensor: what saw it.
 
     Returns:
-        (N, 3) float32, source frame, m; and (N,) int32 pixels as `View` has them.
+        (N, 3) float32, source frame, m; (N,) int32 pixels as `View` has them; and how many pixels
+        lie between two surfaces: they are no points, and tell of no free space.
     """
-    points, pixels = capture.valid_points()
     if capture.shape is not None:
-        return points, pixels
+        flying = flying_pixels(capture, sensor)
+        count = int(np.count_nonzero(flying))
+        return *capture.valid_points(flying if count else None), count
+    points, _ = capture.valid_points()
     if capture.robot_mask is None:
-        return points, readonly(np.arange(len(points), dtype=np.int32))
-    return points, readonly(np.flatnonzero(~capture.robot_mask).astype(np.int32))
+        return points, readonly(np.arange(len(points), dtype=np.int32)), 0
+    return points, readonly(np.flatnonzero(~capture.robot_mask).astype(np.int32)), 0
 
 
-def scan_views(scans: Sequence[Capture]) -> tuple[View, ...]:
+def scan_views(scans: Sequence[Capture], sensor: SensorModel) -> tuple[View, ...]:
     """Further captures of the same scene as views.
 
     Args:
         scans: each with its pose, or in the base frame.
+        sensor: what saw them.
 
     Returns:
         One view a scan.
@@ -87,8 +96,8 @@ def scan_views(scans: Sequence[Capture]) -> tuple[View, ...]:
             T_base_source = scan.T_base_camera
         else:
             raise SceneError("a further scan has no T_base_camera; valid: every scan with its pose")
-        points, pixels = seen_points(scan)
-        views.append(View(points, pixels, scan.shape, T_base_source, scan.T_base_camera))
+        points, pixels, flying = seen_points(scan, sensor)
+        views.append(View(points, pixels, scan.shape, T_base_source, scan.T_base_camera, flying))
     return tuple(views)
 
 

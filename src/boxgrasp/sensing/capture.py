@@ -32,6 +32,11 @@ from boxgrasp.sensing.validation import (
 
 Pixels = NDArray[np.int32]
 
+# An organized cloud's focal length.
+_MEASURED_PIXELS = 500  # tell it
+_LEAST_SPAN_PX = 8  # between the outermost of them
+_PINHOLE_PX = 1.0  # what they may be off
+
 
 @dataclass(frozen=True, eq=False)
 class Capture:
@@ -168,8 +173,20 @@ class Capture:
         """Whether the camera's place relative to the points is known, so free space can be."""
         return self.cloud_frame == "optical" or self.T_base_camera is not None
 
-    def valid_points(self) -> tuple[Points, Pixels]:
+    @property
+    def focal_px(self) -> float | None:
+        """Focal length along u, px; of an organized cloud as measured, else None."""
+        if self.intrinsics is not None:
+            return float(self.intrinsics[0, 0])
+        if self.points is None or self.cloud_shape is None or self.cloud_frame != "optical":
+            return None
+        return measured_focal_px(self.points, self.cloud_shape)
+
+    def valid_points(self, left_out: Bools | None = None) -> tuple[Points, Pixels]:
         """All points but missing ones and the robot's.
+
+        Args:
+            left_out: (H, W) bool, further pixels of an image to leave out, or None.
 
         Returns:
             (N, 3) float32, m, in the optical frame, or in the base frame where `cloud_frame` is
@@ -180,7 +197,7 @@ class Capture:
             CaptureError: the capture holds neither depth nor points.
         """
         if self.depth is not None and self.intrinsics is not None:
-            return _depth_points(self.depth, self.intrinsics, self.robot_mask)
+            return _depth_points(self.depth, self.intrinsics, _either(self.robot_mask, left_out))
         if self.points is None:
             raise CaptureError("capture holds neither depth nor points")
         keep = np.ones(len(self.points), bool)
@@ -188,6 +205,8 @@ class Capture:
             keep = ~np.isnan(self.points[:, 2])
         if self.robot_mask is not None:
             keep &= ~self.robot_mask.reshape(-1)
+        if left_out is not None:
+            keep &= ~left_out.reshape(-1)
         if keep.all():
             points, pixels = self.points, np.arange(len(keep), dtype=np.int32)
         else:
@@ -217,14 +236,41 @@ class Capture:
             object.__setattr__(self, name, value)
 
 
+def measured_focal_px(points: Points, shape: tuple[int, int]) -> float | None:
+    """The focal length that an organized cloud was made with.
+
+    Args:
+        points: (H W, 3) float32, optical frame, m, NaN where missing.
+        shape: (H, W).
+
+    Returns:
+        px, or None where the points are not those of a pinhole camera's pixels.
+    """
+    held = np.flatnonzero(points[:, 2] > 0)
+    held = held[:: max(1, len(held) // _MEASURED_PIXELS)]
+    u = (held % shape[1]).astype(np.float64)
+    if len(held) == 0 or np.ptp(u) < _LEAST_SPAN_PX:
+        return None
+    tangent = points[held, 0].astype(np.float64) / points[held, 2]
+    slope, start = np.polyfit(u, tangent, 1)
+    off_px = np.abs(tangent - slope * u - start).max() / abs(slope) if slope else np.inf
+    return float(1.0 / slope) if slope > 0 and off_px < _PINHOLE_PX else None
+
+
+def _either(one: Bools | None, other: Bools | None) -> Bools | None:
+    if one is None or other is None:
+        return other if one is None else one
+    return readonly(one | other)
+
+
 def _depth_points(
-    depth: Points, intrinsics: Floats, robot_mask: Bools | None
+    depth: Points, intrinsics: Floats, dropped: Bools | None
 ) -> tuple[Points, Pixels]:
     from boxgrasp.kernels.backproject import backproject  # numba, only where it is used
 
     count = int(np.count_nonzero(depth))
     points, pixels = np.empty((count, 3), np.float32), np.empty(count, np.int32)
-    dropped = robot_mask if robot_mask is not None else readonly(np.zeros((0, 0), bool))
+    dropped = dropped if dropped is not None else readonly(np.zeros((0, 0), bool))
     (fx, _, cx), (_, fy, cy) = intrinsics[:2].tolist()
     count = backproject(depth, fx, fy, cx, cy, dropped, points, pixels)
     return readonly(points[:count]), readonly(pixels[:count])

@@ -13,7 +13,7 @@ from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, validate_transform
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.raycast import BOX, CONE, CUP, CYLINDER, PLANE, paint, raycast
-from boxgrasp.sensing.sensor_model import FOCAL_PX
+from boxgrasp.sensing.sensor_model import XTION
 from boxgrasp.simulate.primitives import Box, Cylinder, Primitive
 
 SHAPE = (480, 640)
@@ -40,7 +40,7 @@ class CastView:
     solids: NDArray[np.int32]
 
 
-def intrinsics_matrix(focal_px: float = FOCAL_PX, shape: tuple[int, int] = SHAPE) -> Floats:
+def intrinsics_matrix(focal_px: float = XTION.focal_px, shape: tuple[int, int] = SHAPE) -> Floats:
     """Intrinsics of an undistorted camera whose axis meets the image's middle.
 
     Args:

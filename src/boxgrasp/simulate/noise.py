@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.errors import SceneError
-from boxgrasp.sensing.sensor_model import NOISE_FLOOR_M, NOISE_GROWTH_PER_M, NOISE_LEAST_AT_M
+from boxgrasp.sensing.sensor_model import XTION
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class NoiseModel:
     """Axial noise that grows with distance (Nguyen 2012), steps in depth, missing pixels, color.
 
     Attributes:
-        sigma_m: least standard deviation along z, m, at `sensor_model.NOISE_LEAST_AT_M`.
+        sigma_m: least standard deviation along z, m, at `XTION.noise_least_at_m`.
         sigma_growth_per_m: what it grows by with the square of the distance from there, 1/m.
         step_m: depth comes in whole steps of this, m; 0 for none.
         edge_jump_m: a neighbor this much nearer or farther makes a pixel an edge's, m; at 1 m,
@@ -31,8 +31,8 @@ class NoiseModel:
         SceneError: a value below 0 or not finite, or a share above 1.
     """
 
-    sigma_m: float = NOISE_FLOOR_M
-    sigma_growth_per_m: float = NOISE_GROWTH_PER_M
+    sigma_m: float = XTION.noise_floor_m
+    sigma_growth_per_m: float = XTION.noise_growth_per_m
     step_m: float = 0.001
     edge_jump_m: float = 0.02
     edge_dropout: float = 0.7
@@ -59,7 +59,7 @@ def axial_sigma(depth: NDArray[np.float32], model: NoiseModel | None = None) -> 
         (H, W) float32, m.
     """
     model = NoiseModel() if model is None else model
-    off = depth - np.float32(NOISE_LEAST_AT_M)
+    off = depth - np.float32(XTION.noise_least_at_m)
     return np.float32(model.sigma_m) + np.float32(model.sigma_growth_per_m) * off * off
 
 

@@ -18,7 +18,7 @@ from boxgrasp.grasps.candidates import LINES
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import RED_BELOW_M
 from boxgrasp.sensing.capture import Capture
-from boxgrasp.sensing.sensor_model import NOISE_FLOOR_M, NOISE_GROWTH_PER_M
+from boxgrasp.sensing.sensor_model import XTION
 from boxgrasp.simulate.noise import NoiseModel
 from boxgrasp.simulate.objects import SimulatedObject, load_objects
 from boxgrasp.simulate.physics import settles
@@ -38,8 +38,8 @@ NOISES: Mapping[str, NoiseModel | None] = {
     "xtion": NoiseModel(),
     # Twice the Xtion's spread and steps, wider holes along edges: a poor sensor.
     "strong": NoiseModel(
-        sigma_m=2 * NOISE_FLOOR_M,
-        sigma_growth_per_m=2 * NOISE_GROWTH_PER_M,
+        sigma_m=2 * XTION.noise_floor_m,
+        sigma_growth_per_m=2 * XTION.noise_growth_per_m,
         step_m=0.003,
         edge_dropout=0.9,
         dropout=0.02,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.sensing.sensor_model import NOISE_FLOOR_M, NOISE_GROWTH_PER_M, NOISE_LEAST_AT_M
+from boxgrasp.sensing.sensor_model import XTION
 
 Image = NDArray[np.float32]
 Rng = np.random.Generator
@@ -100,19 +100,12 @@ def _smooth(shape: tuple[int, ...], cell_px: float, rng: Rng) -> Image:
     return np.asarray(noise, dtype=np.float32)
 
 
-def _sigma(depth: Image) -> Image:
-    """As `sensor_model` has it for structured light."""
-    off = np.maximum(depth - np.float32(NOISE_LEAST_AT_M), 0)
-    sigma = np.float32(NOISE_FLOOR_M) + np.float32(NOISE_GROWTH_PER_M) * off * off
-    return np.asarray(sigma, dtype=np.float32)
-
-
 def _grains(depth: Image, share: float, rng: Rng) -> Image:
     """Noise of pixels and of patches of some pixels."""
     low = _smooth(depth.shape, 16, rng) + np.float32(0.6) * _smooth(depth.shape, 4, rng)
     fine = rng.standard_normal(depth.shape, dtype=np.float32)
     strength = np.float32(share * rng.uniform(0.3, 1.6) * 0.7)
-    return np.asarray(strength * _sigma(depth) * (fine + low), dtype=np.float32)
+    return np.asarray(strength * XTION.axial_noise_m(depth) * (fine + low), dtype=np.float32)
 
 
 def _waves(depth: Image, rng: Rng) -> Image:

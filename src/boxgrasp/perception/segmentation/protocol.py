@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.perception.segmentation.clusters import Clusters
+from boxgrasp.sensing.sensor_model import XTION, SensorModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +41,14 @@ class SeenPoints:
         colors: (K, 3) float32 mean colors, 0 to 255, NaN where unknown; None without any.
         camera_position_m: (3,) table frame, m, or None where it is unknown.
         image: of the first view; None for a cloud.
+        sensor: what saw them.
     """
 
     points: Points
     colors: Points | None
     camera_position_m: Floats | None
     image: DepthImage | None
+    sensor: SensorModel = XTION
 
 
 @dataclass(frozen=True, eq=False)

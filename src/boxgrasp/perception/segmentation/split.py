@@ -28,7 +28,7 @@ from boxgrasp.kernels.plan import (
 from boxgrasp.perception.segmentation.clusters import rows_by_cluster
 from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
 from boxgrasp.perception.segmentation.protocol import SeenPoints, SegmentationConfig, Segments
-from boxgrasp.sensing.sensor_model import FOCAL_PX
+from boxgrasp.sensing.sensor_model import SensorModel
 
 Patches = NDArray[np.int64]  # of the cells of a plan, from 0, -1 for none
 
@@ -73,7 +73,7 @@ def split_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
         cluster = np.ascontiguousarray(points[rows])
         cell_m = _CELL_M
         if camera_position_m is not None:
-            cell_m = max(cell_m, _GAP_CELLS * _row_gap_m(cluster, camera_position_m))
+            cell_m = max(cell_m, _GAP_CELLS * _row_gap_m(cluster, camera_position_m, seen.sensor))
         pieces = _pieces(cluster, np.ascontiguousarray(tints[rows]), cell_m)
         for piece in range(1, int(pieces.max()) + 1):
             parted[rows[pieces == piece]] = following
@@ -81,12 +81,12 @@ def split_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
     return Segments.all_objects(parted)
 
 
-def _row_gap_m(points: Points, camera_position_m: Floats) -> float:
+def _row_gap_m(points: Points, camera_position_m: Floats, sensor: SensorModel) -> float:
     """How far apart the camera's rows of pixels fall on a level top of these points."""
     middle = points.mean(axis=0, dtype=np.float64)
     away = float(np.sum((middle - camera_position_m) ** 2))
     over = max(float(camera_position_m[2] - points[:, 2].max()), _LEAST_OVER_M)
-    return min(away / (FOCAL_PX * over), _MOST_CELL_M / _GAP_CELLS)
+    return min(away / (sensor.focal_px * over), _MOST_CELL_M / _GAP_CELLS)
 
 
 def _tints(points: Points, colors: Points | None) -> Points:
