@@ -194,12 +194,13 @@ def test_split_keeps_a_lone_thing_whole(back_m: float, noise: int | None) -> Non
     place = {"position": [0.1 - back_m, 0.0, 1.40], "gaze": [0.85, 0.0, 0.85]}
     for name in ("beans_can", "cereal_x", "cereal_y"):
         spec = {"target": item(name, 0.85, 0.05, 0.3), "obstacles": [], "camera": place}
-        assert len(scene_of(build_scene(spec), noise).objects) == 1, name
+        found = scene_of(build_scene(spec), noise, segmentation="split")
+        assert len(found.objects) == 1, name
 
 
 def test_split_only_parts_what_euclidean_joins() -> None:
     for seed in range(6):
-        split = scene_of(drawn(seed, (3, 4)), seed)
+        split = scene_of(drawn(seed, (3, 4)), seed, segmentation="split")
         whole = scene_of(drawn(seed, (3, 4)), seed, segmentation="euclidean")
         np.testing.assert_array_equal(split.points, whole.points)
         assert len(split.objects) >= len(whole.objects)

@@ -15,11 +15,13 @@ from boxgrasp.errors import ConfigError
 from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.over_plane import inliers, points_over
 from boxgrasp.perception.scene_config import SceneConfig
+from boxgrasp.perception.supports import ALONE
 from boxgrasp.sensing.sensor_model import REALSENSE, SENSORS, TOF, XTION, SensorModel
 from boxgrasp.simulate import cast
 from boxgrasp.simulate.camera import intrinsics_matrix
 from boxgrasp.strict import read_yaml
 
+SPLIT = SceneConfig(segmentation="split")
 RANGES_M = np.array([0.4, 0.7, 1.0, 1.6, 2.5], dtype=np.float32)
 # Standard deviations as the sources give them, mm.
 SOURCES_MM = {
@@ -76,7 +78,7 @@ def test_points_over_the_noise_of_each_sensor() -> None:
             sigma = sensor.noise_floor_m + sensor.noise_growth_per_m * away**2
             if point[2] >= config.min_height_m + config.noise_gain * sigma:
                 kept.append(k)
-        _, rows = points_over(points, np.eye(4), camera, sensor, config)
+        _, rows = points_over(points, np.eye(4), camera, ALONE, sensor, config)
         assert rows.tolist() == kept
 
 
@@ -101,7 +103,7 @@ def test_a_scene_uses_the_captures_own_focal_length() -> None:
     for focal_px, shape in ((525.0, (480, 640)), (262.5, (240, 320))):
         intrinsics = intrinsics_matrix(focal_px, shape)
         depth = cast(scene.primitives, intrinsics, scene.T_base_camera, shape).depth
-        found.append(find_scene(Capture(depth, intrinsics, scene.T_base_camera), (), SceneConfig()))
+        found.append(find_scene(Capture(depth, intrinsics, scene.T_base_camera), (), SPLIT))
     whole, half = found
     assert len(whole.objects) == len(half.objects)
     for one, other in zip(whole.objects, half.objects, strict=True):

@@ -20,6 +20,7 @@ from boxgrasp.simulate.primitives import Primitive, upright
 MOST_DEG, MOST_M = 1.5, 0.015
 SEEDS = (0, 1, 2)
 FLOOR = Plane(0.0)
+SPLIT = {"scene": {"segmentation": "split"}}  # planes are told by the same points whatever it is
 GROUND = -1  # the number of all that is no thing: floors, tables, boards
 K = intrinsics_matrix()
 
@@ -150,7 +151,7 @@ def with_board() -> Layout:
 
 def assert_found(layout: Layout, seen: Look) -> None:
     """Every thing's plane, its segment and box; nothing else is listed."""
-    selector = GraspSelector()
+    selector = GraspSelector(SPLIT)
     numbers = selector.segment(seen.capture)
     measured = np.asarray(seen.capture.depth) > 0
     for number in range(1, int(numbers.max()) + 1):
@@ -219,7 +220,7 @@ def test_a_thing_on_the_board_stands_on_it_and_is_grasped(seed: int) -> None:
     """Its box ends on the board, which is no obstacle; the board is one for what stands beside."""
     layout = with_board()
     seen = look(layout, seed, with_pose=True)
-    selector = GraspSelector()
+    selector = GraspSelector(SPLIT)
     for thing, height_m in enumerate(layout.heights_m):
         target = Target(pixel=seen.pixel(thing))
         context = selector.analyze(seen.capture, target)
@@ -240,4 +241,4 @@ def test_a_thing_on_the_board_stands_on_it_and_is_grasped(seed: int) -> None:
 def test_a_plain_table_has_no_second_support() -> None:
     for seed in SEEDS:
         seen = look(seen_at(45.0), seed, with_pose=True)
-        assert not GraspSelector().scene(seen.capture).warnings
+        assert not GraspSelector(SPLIT).scene(seen.capture).warnings

@@ -59,7 +59,7 @@ def captured(kind: str = "depth") -> Capture:
 
 @cache
 def scene(kind: str = "depth") -> Scene:
-    return find_scene(captured(kind), (), SceneConfig())
+    return find_scene(captured(kind), (), SceneConfig(segmentation="split"))
 
 
 def shown_points() -> np.ndarray:

@@ -108,7 +108,7 @@ class Supports:
         )
 
 
-_ALONE = Supports(
+ALONE = Supports(
     readonly(np.array([[0.0, 0.0, 1.0, 0.0]])),
     readonly(np.zeros((0, 0), dtype=np.int8)),
     readonly(np.zeros(2)),
@@ -137,7 +137,7 @@ def find_supports(
     low = _low(points, T_table_source, camera_position_m, max_range_m)
     plan = _Plan.of(low) if len(low) else None
     if plan is None:
-        return _ALONE
+        return ALONE
     found: list[tuple[Floats, NDArray[np.bool_]]] = []
     left = low[np.abs(low[:, 2]) >= _ON_M]
     for _ in range(_TRIES):
@@ -151,18 +151,18 @@ def find_supports(
             found.append((plane, cells))
         left = left[np.abs(left[:, 2] - height_m) >= _BIN_M]
         left = left[np.abs(left @ plane[:3] + plane[3]) >= _ON_M]
-    return _supports(plan, low, found) if found else _ALONE
+    return _supports(plan, low, found) if found else ALONE
 
 
 def _supports(plan: _Plan, low: Points, found: list[tuple[Floats, NDArray[np.bool_]]]) -> Supports:
     """The support plane and the surfaces found beside it."""
-    planes = np.vstack([_ALONE.planes, [plane for plane, _ in found]])
+    planes = np.vstack([ALONE.planes, [plane for plane, _ in found]])
     part = plan.parts(plan.cells(low[np.abs(low[:, 2]) < _ON_M]))
     large = np.bincount(part[part >= 0], minlength=1) >= _PATCH_M2 / _CELL_M**2
     main = (part >= 0) & large[part]
     on = [
         plan.held(cells, low) & (np.abs(low @ plane[:3] + plane[3]) < _ON_M)
-        for plane, cells in ((_ALONE.planes[0], main), *found)
+        for plane, cells in ((ALONE.planes[0], main), *found)
     ]
     return Supports(
         readonly(planes),
