@@ -127,7 +127,7 @@ def box_to_point(T_base_gripper: np.ndarray, point: Any, back_m: float = 0.0) ->
 @pytest.mark.parametrize("noise", [False, True])
 def test_witnesses_lie_where_the_values_were_measured(seed: int, noise: bool) -> None:
     _, capture, found = answer(seed, noise)
-    scene = find_scene(capture, (), SceneConfig())
+    scene = GraspSelector().analyze(capture).scene  # over the plane under the target
     points = scene.points.astype(np.float64)
     for candidate in found.candidates:
         T = candidate.T_base_gripper
