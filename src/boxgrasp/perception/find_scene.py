@@ -52,6 +52,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, placement, config)
     voxels = downsampled(over, config.voxel_m)
+    config = replace(config, voxel_m=voxels.edge_m)  # coarser in a view full of noise
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, len(voxels.centroids))
