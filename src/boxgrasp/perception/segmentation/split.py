@@ -223,8 +223,8 @@ def _pair_to_join(
 
 def _apart(patch_of: Patches) -> Patches:
     """Patches whose outlines overlap are one: a bowl's floor lies within its rim."""
-    found = [np.nonzero(patch_of == k) for k in range(int(patch_of.max()) + 1)]
-    outlines = [_Outline.of(cells) for cells in found]
+    count = int(patch_of.max()) + 1
+    outlines = [_Outline.of(*np.nonzero(patch_of == k)) for k in range(count)]
     a = 0
     while a < len(outlines):
         for b in range(a + 1, len(outlines)):
@@ -237,7 +237,7 @@ def _apart(patch_of: Patches) -> Patches:
         a += 1
     joined = np.full_like(patch_of, -1)
     for name, outline in enumerate(outlines):
-        joined[outline.cells] = name
+        joined[outline.rows, outline.columns] = name
     return joined
 
 
@@ -246,26 +246,27 @@ class _Outline:
     """A patch with the convex hull of its cells.
 
     Attributes:
-        cells: (C,) rows and (C,) columns of its cells.
+        rows: (C,) int64, of its cells.
+        columns: (C,) int64.
         low: the least row and column.
         high: the greatest.
         hull: area, in cells.
     """
 
-    cells: tuple[NDArray[np.int64], NDArray[np.int64]]
+    rows: Patches
+    columns: Patches
     low: tuple[int, int]
     high: tuple[int, int]
     hull: float
 
     @staticmethod
-    def of(cells: tuple[NDArray[np.int64], NDArray[np.int64]]) -> _Outline:
+    def of(rows: Patches, columns: Patches) -> _Outline:
         """The outline of some cells."""
-        rows, columns = cells
         low = int(rows.min()), int(columns.min())
         high = int(rows.max()), int(columns.max())
         inside = np.zeros((high[0] - low[0] + 1, high[1] - low[1] + 1), dtype=np.bool_)
         inside[rows - low[0], columns - low[1]] = True
-        return _Outline(cells, low, high, hull_area(inside))
+        return _Outline(rows, columns, low, high, hull_area(inside))
 
     def overlapping(self, other: _Outline) -> _Outline | None:
         """The outline of both where they overlap; None else."""
@@ -276,8 +277,9 @@ class _Outline:
             shared *= max(span, 0)
         if shared <= least:  # hulls overlap by no more than the rectangles round them
             return None
-        rows, columns = (np.concatenate((self.cells[k], other.cells[k])) for k in (0, 1))
-        both = _Outline.of((rows, columns))
+        both = _Outline.of(
+            np.concatenate((self.rows, other.rows)), np.concatenate((self.columns, other.columns))
+        )
         # Two convex outlines side by side span at least the sum of their areas.
         return both if self.hull + other.hull - both.hull > least else None
 
