@@ -119,7 +119,7 @@ def cell_owners(
 
     Args:
         pixels: (S,) int32 flat pixels v * width + u.
-        owners: (S,) int64, -1 for nobody's.
+        owners: (S,) int64, from 0.
         cell_px: edge of a cell, px.
         width: of the image, px.
         rows: of cells.
@@ -131,8 +131,6 @@ def cell_owners(
     owner = np.full((rows, columns), -1, dtype=np.int64)
     lead = np.zeros((rows, columns), dtype=np.int64)
     for i in range(pixels.shape[0]):
-        if owners[i] < 0:
-            continue
         v, u = pixels[i] // width // cell_px, pixels[i] % width // cell_px
         if owner[v, u] == owners[i]:
             lead[v, u] += 1

@@ -42,8 +42,8 @@ def flat_things(level: TableLevel, min_height_m: float) -> list[LevelPoints]:
     Returns:
         The points of each; owners number them from 0.
     """
-    height, count, first = level.heights()
-    whole = count >= _FULL * level.cell_px**2
+    height = level.height_m
+    whole = level.count >= _FULL * level.cell_px**2
     table = whole & ~dilated(level.owner >= 0, _BESIDE)
     round_it = box_sums(table, _REACH)
     mean = box_sums(np.where(table, height, 0.0), _REACH) / np.maximum(round_it, 1)
@@ -52,7 +52,7 @@ def flat_things(level: TableLevel, min_height_m: float) -> list[LevelPoints]:
     )
     if level.view.T_base_camera is None or np.count_nonzero(rise > min_height_m) < _LEAST_CORE:
         return []
-    noise = _noise_m(level, first)
+    noise = _noise_m(level)
     core = rise > min_height_m + _CORE_NOISE * noise
     region, found = regions(rise > _SKIRT_M + _CORE_NOISE * noise, True)
     cores = np.bincount(region[core & (region >= 0)], minlength=found)
@@ -68,10 +68,10 @@ def flat_things(level: TableLevel, min_height_m: float) -> list[LevelPoints]:
     return things
 
 
-def _noise_m(level: TableLevel, first: NDArray[np.int32]) -> Floats:
+def _noise_m(level: TableLevel) -> Floats:
     """(rows, columns) standard deviation of a pixel's depth in each cell, m; 0 for empty cells."""
+    view, first = level.view, level.first
     noise = np.zeros(first.shape)
-    view = level.view
     assert view.T_base_camera is not None
     camera_m = transform(invert(view.T_base_source), view.T_base_camera[None, :3, 3])
     away = view.points[first[first >= 0]] - camera_m.astype(np.float32)

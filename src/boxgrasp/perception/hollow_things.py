@@ -6,13 +6,14 @@ lies within that thing's outline on the table. The table seen through a handle l
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Points
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.kernels.table_cells import dilated, regions
 from boxgrasp.perception.segmentation.protocol import Segments
 from boxgrasp.perception.table_level import LevelPoints, TableLevel
@@ -55,51 +56,115 @@ def hollow_things(level: TableLevel, centroids: Points, segments: Segments) -> H
     Returns:
         Floors and segments.
     """
-    clusters, objects = segments.clusters, segments.objects
-    region, count = regions(level.owner < 0, False)
-    border = (region[0], region[-1], region[:, 0], region[:, -1])
-    sizes = np.bincount(region[region >= 0], minlength=count)
-    sizes[np.setdiff1d(np.concatenate(border), (-1,))] = 0
-    owner_of = np.append(np.arange(len(objects)), -1)  # of each segment, -1 for none
-    parts: list[LevelPoints] = []
-    for name in np.argsort(-sizes, kind="stable")[: min(_MOST, np.count_nonzero(sizes))].tolist():
-        inside = region == name
+    pieces = _Pieces(centroids, segments, np.append(np.arange(len(segments.objects)), -1))
+    whose = level.owner.copy()
+    for inside, places, heights in _enclosed(level):
         ring = level.owner[dilated(inside, 1) & ~inside]
-        shares = np.bincount(owner_of[ring[ring >= 0]], minlength=len(objects)) / len(ring)
-        thing = int(np.argmax(shares))
-        pieced = sizes[name] >= _LEAST_PIECED and shares[thing] >= _MAIN_SHARE
-        if shares.sum() < RIM_SHARE or not (pieced or shares[thing] >= RIM_SHARE):
+        thing = pieces.round_floor(ring, int(np.count_nonzero(inside)))
+        if thing is None or float(np.median(heights)) < _LOWEST_M:
             continue
-        rows = _floor(level, inside, centroids[owner_of[clusters] == thing])
-        if len(rows) == 0:
-            continue
-        parts.append(LevelPoints(rows, np.full(len(rows), thing)))
-        for piece in np.flatnonzero(pieced & (shares >= _PIECE_SHARE)).tolist():
-            tops = [_top(centroids[owner_of[clusters] == k]) for k in (thing, piece)]
-            if objects[thing] and objects[piece] and abs(tops[0] - tops[1]) <= _SAME_TOP_M:
-                owner_of[owner_of == piece] = thing
-    if not parts:
+        within = _within(places, pieces.points(thing)[:, :2])
+        if np.count_nonzero(within) >= _WITHIN_SHARE * len(within):
+            whose[inside] = thing
+            pieces.join(ring, thing)
+    whose = pieces.owner_of[whose]
+    # Its rim and its floor share cells, and noise lifts some of the floor's pixels off the table.
+    wanted = np.where((level.count > 0) & _amid(whose), whose, -1)
+    if not (wanted >= 0).any():
         nothing = LevelPoints(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64))
-        return HollowThings(nothing, segments)
-    rows = np.concatenate([part.rows for part in parts])
-    owners = owner_of[np.concatenate([part.owners for part in parts])]
-    order = np.argsort(rows)
-    left = owner_of == np.append(np.arange(len(objects)), -2)  # no others' pieces
-    names = np.append(np.cumsum(left[:-1]) - 1, -1)
-    joined = Segments(names[owner_of[clusters]], objects[left[:-1]])
-    return HollowThings(LevelPoints(rows[order], names[owners[order]]), joined)
+        return HollowThings(nothing, pieces.joined())
+    rows, owners, _ = level.rows_in(wanted)
+    places = level.in_table_frame(rows)[:, :2]
+    kept = np.zeros(len(rows), dtype=np.bool_)
+    for thing in np.unique(owners).tolist():
+        kept[owners == thing] = _within(places[owners == thing], pieces.points(thing)[:, :2])
+    return HollowThings(LevelPoints(rows[kept], pieces.names[owners[kept]]), pieces.joined())
 
 
-def _floor(level: TableLevel, inside: NDArray[np.bool_], thing: Points) -> NDArray[np.int32]:
-    """(n,) rows of the points in a region that are a thing's floor; none where it is the table.
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Segments, some of them joined.
 
-    thing: (m, 3) the thing's points, table frame, m.
+    Attributes:
+        centroids: (V, 3) float32, table frame, m.
+        segments: of them, C.
+        owner_of: (C + 1,) int64 the segment that each belongs to, changed; last, -1, for none.
     """
-    rows, _, heights = level.rows_in(np.where(inside, 0, -1))
-    if len(rows) == 0 or len(thing) == 0 or float(np.median(heights)) < _LOWEST_M:
-        return rows[:0]
-    within = _within(level.in_table_frame(rows)[:, :2], thing[:, :2])
-    return rows[within] if np.count_nonzero(within) >= _WITHIN_SHARE * len(rows) else rows[:0]
+
+    centroids: Points
+    segments: Segments
+    owner_of: NDArray[np.int64]
+
+    def _shares(self, ring: NDArray[np.int64]) -> Floats:
+        """(C,) each one's share of the cells round a region."""
+        owners = self.owner_of[ring]
+        return np.bincount(owners[owners >= 0], minlength=len(self.segments.objects)) / len(ring)
+
+    def points(self, thing: int) -> Points:
+        """(n, 3) points of a thing with its pieces, m."""
+        points: Points = self.centroids[self.owner_of[self.segments.clusters] == thing]
+        return points
+
+    def round_floor(self, ring: NDArray[np.int64], cells: int) -> int | None:
+        """The thing that encloses a region of so many cells, alone or with its pieces."""
+        shares = self._shares(ring)
+        thing = int(np.argmax(shares))
+        pieced = cells >= _LEAST_PIECED and shares[thing] >= _MAIN_SHARE
+        enclosed = shares.sum() >= RIM_SHARE and (pieced or shares[thing] >= RIM_SHARE)
+        return thing if enclosed else None
+
+    def join(self, ring: NDArray[np.int64], thing: int) -> None:
+        """Join to a hollow thing the pieces of its rim: what else is round its floor, as high."""
+        shares = self._shares(ring)
+        objects = self.segments.objects
+        if shares[thing] >= RIM_SHARE or not objects[thing]:
+            return
+        top = _top(self.points(thing))
+        for piece in np.flatnonzero((shares >= _PIECE_SHARE) & objects).tolist():
+            if abs(_top(self.points(piece)) - top) <= _SAME_TOP_M:
+                self.owner_of[self.owner_of == piece] = thing
+
+    @property
+    def names(self) -> NDArray[np.int64]:
+        """(C + 1,) the ids of the joined segments, without gaps; last, -1, for none."""
+        left = self.owner_of[:-1] == np.arange(len(self.segments.objects))
+        return np.append((np.cumsum(left) - 1)[self.owner_of[:-1]], -1)
+
+    def joined(self) -> Segments:
+        """The segments with their pieces."""
+        left = self.owner_of[:-1] == np.arange(len(self.segments.objects))
+        return Segments(self.names[self.segments.clusters], self.segments.objects[left])
+
+
+def _enclosed(level: TableLevel) -> Iterator[tuple[NDArray[np.bool_], Points, Points]]:
+    """The largest regions of the image that things enclose and that show the table's level.
+
+    Yields (rows, columns) bool, (n, 2) places of its points on the table, m, and (n,) heights, m.
+    """
+    region, count = regions(level.owner < 0, False)
+    sizes = np.bincount(region[(region >= 0) & (level.count > 0)], minlength=count)
+    border = np.concatenate((region[0], region[-1], region[:, 0], region[:, -1]))
+    sizes[np.unique(border[border >= 0])] = 0
+    largest = np.argsort(-sizes, kind="stable")[: min(_MOST, int(np.count_nonzero(sizes)))]
+    if len(largest) == 0:
+        return
+    rows, names, heights = level.rows_in(np.where(np.isin(region, largest), region, -1))
+    places = level.in_table_frame(rows)[:, :2]
+    for name in largest.tolist():
+        yield region == name, places[names == name], heights[names == name]
+
+
+def _amid(whose: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Cells that are a thing's and have nothing but its cells round them."""
+    amid = np.zeros(whose.shape, dtype=np.bool_)
+    middle = whose[1:-1, 1:-1]
+    rows, columns = middle.shape
+    same = middle >= 0
+    for v in range(3):
+        for u in range(3):
+            same = same & (whose[v : v + rows, u : u + columns] == middle)
+    amid[1:-1, 1:-1] = same
+    return amid
 
 
 def _within(places: Points, outline: Points) -> NDArray[np.bool_]:

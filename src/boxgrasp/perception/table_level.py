@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.table_cells import cell_heights, cell_owners, rows_in_cells
 from boxgrasp.perception.placement import Placement
@@ -51,22 +52,23 @@ class TableLevel:
 
     @staticmethod
     def of(
-        view: View, placement: Placement, taken: NDArray[np.int32], shown: Clusters
+        view: View, placement: Placement, over: NDArray[np.int32], shown: Clusters
     ) -> TableLevel:
         """The table's level of a view.
 
         Args:
             view: with an image.
             placement: where it lies.
-            taken: (P,) int32, rising, rows of its points over the table.
-            shown: (P,) int64 the cluster of each of them, -1 for none.
+            over: (P,) int32, rising, rows of its points over the table.
+            shown: (P,) int64 the cluster of each of them, -1 for none: noise of the table.
 
         Returns:
             The cells.
         """
         height, width = view.shape or (0, 0)
         cell_px = max(1, round(width / _CELLS))
-        owner = cell_owners(view.pixels[taken], shown, cell_px, width, -(-height // cell_px))
+        taken, owners = over[shown >= 0], shown[shown >= 0]
+        owner = cell_owners(view.pixels[taken], owners, cell_px, width, -(-height // cell_px))
         return TableLevel(view, placement, taken, owner, cell_px)
 
     @property
@@ -79,13 +81,8 @@ class TableLevel:
     def _width(self) -> int:
         return (self.view.shape or (0, 0))[1]
 
-    def heights(self) -> tuple[Floats, NDArray[np.int32], NDArray[np.int32]]:
-        """The mean height of each cell's points at this level.
-
-        Returns:
-            (rows, columns) float64, m; (rows, columns) int32 how many points; and (rows, columns)
-            int32 the row of one of them in the view, -1 for none.
-        """
+    @cached_property
+    def _sums(self) -> tuple[Floats, NDArray[np.int32], NDArray[np.int32]]:
         total = np.zeros(self.owner.shape)
         count = np.zeros(self.owner.shape, dtype=np.int32)
         first = np.full(self.owner.shape, -1, dtype=np.int32)
@@ -93,7 +90,22 @@ class TableLevel:
             self.view.points, self.view.pixels, self.taken, self._plane, _LEVEL_M,
             self.cell_px, self._width, total, count, first,
         )  # fmt: skip
-        return total / np.maximum(count, 1), count, first
+        return readonly(total / np.maximum(count, 1)), readonly(count), readonly(first)
+
+    @property
+    def height_m(self) -> Floats:
+        """(rows, columns) float64 mean height of each cell's points at this level, m."""
+        return self._sums[0]
+
+    @property
+    def count(self) -> NDArray[np.int32]:
+        """(rows, columns) int32 how many points each cell has at this level."""
+        return self._sums[1]
+
+    @property
+    def first(self) -> NDArray[np.int32]:
+        """(rows, columns) int32 row in the view of one of them, -1 where there is none."""
+        return self._sums[2]
 
     def rows_in(
         self, wanted: NDArray[np.int64]
