@@ -29,7 +29,7 @@ _WITHIN_M = 0.004  # m past an outline: a voxel's centroid lies so far inside it
 _LOWEST_M = -0.003  # m, a floor's middle height: a table's waves reach so far down, no floor does
 _DIRECTIONS = 24  # half planes that an outline is cut from
 _MOST_OUTLINE = 2000  # points tell an outline as well as all
-_MOST = 32  # regions looked at, the largest ones
+_MOST = 64  # regions looked at, the largest ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def hollow_things(level: TableLevel, centroids: Points, segments: Segments) -> H
     pieces = _Pieces(centroids, segments, np.append(np.arange(len(segments.objects)), -1))
     whose = level.owner.copy()
     for inside, places, heights in _enclosed(level):
-        ring = level.owner[dilated(inside, 1) & ~inside]
+        ring = _ring(level.owner, inside)
         thing = pieces.round_floor(ring, int(np.count_nonzero(inside)))
         if thing is None or float(np.median(heights)) < _LOWEST_M:
             continue
@@ -152,6 +152,13 @@ def _enclosed(level: TableLevel) -> Iterator[tuple[NDArray[np.bool_], Points, Po
     places = level.in_table_frame(rows)[:, :2]
     for name in largest.tolist():
         yield region == name, places[names == name], heights[names == name]
+
+
+def _ring(owner: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n,) whose each cell round a region is that does not end with the image."""
+    v, u = np.nonzero(inside)
+    window = np.s_[v.min() - 1 : v.max() + 2, u.min() - 1 : u.max() + 2]
+    return owner[window][dilated(inside[window], 1) & ~inside[window]]
 
 
 def _amid(whose: NDArray[np.int64]) -> NDArray[np.bool_]:
