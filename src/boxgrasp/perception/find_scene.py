@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.kernels.cells import voxel_centroids
-from boxgrasp.perception.flat_things import flat_things
-from boxgrasp.perception.hollow_things import hollow_things
+from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
     NOTHING,
@@ -28,7 +26,6 @@ from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.segmentation import NEED_IMAGE, WITHOUT_IMAGE, segmentation_named
 from boxgrasp.perception.segmentation.protocol import DepthImage, SeenPoints, Segments
 from boxgrasp.perception.support_plane import patch_over
-from boxgrasp.perception.table_level import LevelPoints, TableLevel
 from boxgrasp.perception.view import View, scan_views, seen_points
 from boxgrasp.sensing.capture import Capture
 
@@ -63,12 +60,13 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     needed = config.segmentation in NEED_IMAGE
     image = _depth_image(capture, view, placement, shown) if needed else None
     segments = _segments(voxels.centroids, colors, image, placement, config)
-    found = _Found(voxels.centroids, segments, shown, np.zeros(len(voxels.centroids), dtype=bool))
+    # 4. What lies as low as the table but is a thing's: floors of hollow ones, and flat ones.
+    floorless = np.zeros(len(voxels.centroids), dtype=np.bool_)
+    found = FoundPoints(voxels.centroids, segments, shown, floorless)
     if view.shape is not None:
-        level = TableLevel.of(view, placement, first_rows, segments.clusters[shown.rows])
-        found = _with_table_level(found, level, config)
+        found = with_low_points(found, first_rows, view, placement, config)
     clusters, shown = found.segments.clusters, found.shown
-    # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
+    # 5. Objects: the clusters over the seen table that are in reach, from the nearest.
     middles = cluster_middles(found.points, clusters)
     over_table = patch_over(points, placement.T_source_table, middles) & found.segments.objects
     points_base = transform(placement.T_base_table, found.points)
@@ -90,63 +88,6 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         views=views,
         warnings=_warnings(config, image),
         _shown=_of_kept(shown, kept),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Points that are a thing's, or an outlier.
-
-    Attributes:
-        points: (V, 3) float32, table frame, m.
-        segments: their clusters.
-        shown: which pixels show them.
-        floor_mask: (V,) bool, those of hollow things' floors.
-    """
-
-    points: Points
-    segments: Segments
-    shown: ShownPoints
-    floor_mask: NDArray[np.bool_]
-
-
-def _with_table_level(found: _Found, level: TableLevel, config: SceneConfig) -> _Found:
-    """The same with the floors of hollow things, and flat things as clusters of their own."""
-    hollow = hollow_things(level, found.points, found.segments)
-    floor, segments = hollow.floors, hollow.segments
-    found = replace(found, segments=segments)
-    parts = [(floor, True)] if len(floor.rows) else []
-    count = len(segments.objects)
-    for flat in flat_things(level, config.min_height_m):
-        rows = flat.rows[~np.isin(flat.rows, floor.rows)]
-        if len(rows):
-            parts.append((LevelPoints(rows, np.full(len(rows), count)), False))
-            count += 1
-    for part, is_floor in parts:
-        found = _with_part(found, level, part, is_floor, config.voxel_m)
-    objects = np.ones(count, dtype=np.bool_)
-    objects[: len(segments.objects)] = segments.objects
-    return replace(found, segments=Segments(found.segments.clusters, objects))
-
-
-def _with_part(
-    found: _Found, level: TableLevel, part: LevelPoints, is_floor: bool, voxel_m: float
-) -> _Found:
-    """The same with more points, in voxels of their own."""
-    centroids, voxel_of = voxel_centroids(level.in_table_frame(part.rows), voxel_m)
-    clusters = np.empty(len(centroids), dtype=np.int64)
-    clusters[voxel_of] = part.owners
-    pixels = np.concatenate((found.shown.pixels, level.view.pixels[part.rows]))
-    rows = np.concatenate((found.shown.rows, len(found.points) + voxel_of))
-    order = np.argsort(pixels, kind="stable")
-    floor_mask = np.concatenate((found.floor_mask, np.full(len(centroids), is_floor)))
-    return _Found(
-        points=np.vstack((found.points, centroids)),
-        segments=replace(
-            found.segments, clusters=np.concatenate((found.segments.clusters, clusters))
-        ),
-        shown=ShownPoints(readonly(pixels[order]), readonly(rows[order])),
-        floor_mask=floor_mask,
     )
 
 

@@ -13,26 +13,27 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.table_cells import box_sums, dilated, regions
-from boxgrasp.perception.table_level import LevelPoints, TableLevel
+from boxgrasp.perception.table_level import TableLevel
 from boxgrasp.sensing.sensor_model import axial_noise_m
 
-# Found on 45 labeled captures and 17 others by Xtion, Kinect and RealSense, where the means of the
-# table's cells scatter by 0.7 to 1.1 mm, and waves rise to 4 mm.
+# Found on 45 labeled captures and 17 others by Xtion, Kinect and RealSense.
 _FULL = 0.5  # share of a cell's pixels that must be measured
 _REACH = 6  # cells to each side, over which the table's own level is taken: 8 cm at 0.8 m
 _LEAST_ROUND = 0.25  # of them, that must show it
 _BESIDE = 2  # cells from a thing, whose rim and shadow are no table
 _CORE_NOISE = 1.0  # standard deviations of a pixel's depth that a core rises over the least height
 _SKIRT_M = 0.001  # m, that cells round a core rise over the table, beside that noise
-_LEAST_CORE = 5  # cells
+_LEAST_CORE = 8  # cells: 3 cm2 at 0.8 m
 _STEP_NOISE = 0.5  # standard deviations that the step must be over the least height
+_STEP_WAVES = 4.0  # and times the table's own waves: 0.7 to 0.9 mm by Xtion, up to 2 by RealSense
+_ONE_SIDED = 0.84  # of a normal distribution's values lie under its standard deviation
 _RING = (1, 3)  # rings of cells from a thing between which the table beside it is looked at
 _HIGH_SHARE = 0.75  # of those cells that lie lower than the level that the step is taken from
 _RING_SHARE = 0.7  # of those cells that must show the table: no thing is told at an edge
 _MOST = 32  # candidates looked at, the largest ones
 
 
-def flat_things(level: TableLevel, min_height_m: float) -> list[LevelPoints]:
+def flat_things(level: TableLevel, min_height_m: float) -> list[NDArray[np.int32]]:
     """The flat things at the table's level.
 
     Args:
@@ -40,7 +41,7 @@ def flat_things(level: TableLevel, min_height_m: float) -> list[LevelPoints]:
         min_height_m: height over the table under which a point is the table's, m.
 
     Returns:
-        The points of each; owners number them from 0.
+        (n,) int32 rows of the view's points, rising, for each.
     """
     height = level.height_m
     whole = level.count >= _FULL * level.cell_px**2
@@ -53,18 +54,19 @@ def flat_things(level: TableLevel, min_height_m: float) -> list[LevelPoints]:
     if level.view.T_base_camera is None or np.count_nonzero(rise > min_height_m) < _LEAST_CORE:
         return []
     noise = _noise_m(level)
+    waves_m = float(np.quantile(rise[np.isfinite(rise)], _ONE_SIDED))
     core = rise > min_height_m + _CORE_NOISE * noise
     region, found = regions(rise > _SKIRT_M + _CORE_NOISE * noise, True)
     cores = np.bincount(region[core & (region >= 0)], minlength=found)
     largest = np.argsort(-cores, kind="stable")[:_MOST]
-    things: list[LevelPoints] = []
+    things: list[NDArray[np.int32]] = []
     for name in np.sort(largest[cores[largest] >= _LEAST_CORE]).tolist():
         inside = region == name
         foot = _foot(inside, whole, height)
-        least = min_height_m + _STEP_NOISE * float(noise[inside].mean())
+        least = max(min_height_m + _STEP_NOISE * float(noise[inside].mean()), _STEP_WAVES * waves_m)
         middle = float(np.median(height[inside]))
         if foot is not None and middle - foot >= least and middle >= min_height_m:
-            things.append(_points(level, inside, (foot + middle) / 2, len(things)))
+            things.append(_rows(level, inside, (foot + middle) / 2))
     return things
 
 
@@ -90,9 +92,8 @@ def _foot(inside: NDArray[np.bool_], whole: NDArray[np.bool_], height: Floats) -
     return float(np.quantile(height[seen], _HIGH_SHARE))
 
 
-def _points(level: TableLevel, inside: NDArray[np.bool_], least_m: float, name: int) -> LevelPoints:
+def _rows(level: TableLevel, inside: NDArray[np.bool_], least_m: float) -> NDArray[np.int32]:
     """The points of a flat thing: those in its cells and beside them that rise half the step."""
-    wanted = np.where(dilated(inside, 1) & (level.owner < 0), name, -1)
-    rows, names, heights = level.rows_in(wanted)
-    kept = heights > least_m
-    return LevelPoints(rows[kept], names[kept])
+    wanted = np.where(dilated(inside, 1) & (level.owner < 0), 0, -1)
+    rows, _, heights = level.rows_in(wanted)
+    return rows[heights > least_m]

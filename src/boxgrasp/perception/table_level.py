@@ -31,6 +31,17 @@ class LevelPoints:
     rows: NDArray[np.int32]
     owners: NDArray[np.int64]
 
+    def of(self, kept: NDArray[np.bool_]) -> LevelPoints:
+        """Some of them.
+
+        Args:
+            kept: (n,) bool.
+
+        Returns:
+            Those that are kept.
+        """
+        return LevelPoints(self.rows[kept], self.owners[kept])
+
 
 @dataclass(frozen=True, eq=False)
 class TableLevel:
