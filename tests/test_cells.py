@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from boxgrasp.kernels.cells import euclidean_clusters, mean_neighbor_distance, voxel_centroids
+from boxgrasp.kernels.nearest import nearest, nearest_counted, nearest_naive
 
 RULE_M = 0.015
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
@@ -149,3 +150,34 @@ def test_neighbor_distances_are_the_same_from_one_thread_or_two() -> None:
     tree = cKDTree(points.astype(np.float64))
     expected = np.minimum(tree.query(points, k=9)[0][:, 1:], 0.01).mean(axis=1)
     np.testing.assert_allclose(mean_neighbor_distance(points, 8, 0.01), expected, atol=2e-7)
+
+
+@QUICK
+@given(
+    seed=SEEDS,
+    count=st.integers(1, 300),
+    others=st.integers(1, 300),
+    lattice_m=st.sampled_from([0.0, 0.01, 0.1]),
+)
+def test_the_nearest_is_the_first_of_the_nearest_of_all(
+    seed: int, count: int, others: int, lattice_m: float
+) -> None:
+    """On a lattice many are equally near, and many coordinates are the same."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0, 0.3, (count + others, 3)).astype(np.float32)
+    if lattice_m:
+        points = np.round(points / lattice_m).astype(np.float32) * np.float32(lattice_m)
+    a, b = np.ascontiguousarray(points[:count]), np.ascontiguousarray(points[count:])
+    np.testing.assert_array_equal(nearest(a, b), nearest_naive(a, b))
+
+
+@pytest.mark.parametrize("apart_m", [0.0, 0.05, 1.0])
+def test_few_distances_are_measured_wherever_the_points_lie(apart_m: float) -> None:
+    """Among the others, beside them and far from them, a wall among them."""
+    rng = np.random.default_rng(0)
+    others = rng.uniform(0, 0.3, (20_000, 3)).astype(np.float32)
+    others[:10_000, 0] = 0.0
+    points = rng.uniform(0, 0.3, (2_000, 3)).astype(np.float32) + np.float32(apart_m)
+    found, measured = nearest_counted(points, others)
+    assert measured < 150 * len(points)
+    np.testing.assert_array_equal(found, nearest_naive(points, others))

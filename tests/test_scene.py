@@ -281,6 +281,16 @@ def test_points_are_three_millimeter_voxels_over_the_plane() -> None:
     assert len(np.unique(cells[~on_edge], axis=0)) == np.count_nonzero(~on_edge)
 
 
+def test_a_view_full_of_noise_has_few_points() -> None:
+    """Three centimeters of noise on every pixel: the work is bounded by coarser voxels."""
+    view = seen(laid(*SPREAD))
+    assert view.depth is not None
+    rough = view.depth + np.random.default_rng(0).normal(0, 0.03, view.depth.shape)
+    capture = Capture(rough.astype(np.float32), view.intrinsics, view.T_base_camera)
+    found = find_scene(capture, (), SceneConfig())
+    assert 20_000 < len(found.points) <= 80_000
+
+
 def test_further_scans_show_what_the_first_does_not() -> None:
     """A cube behind a tall box, seen from the other side of the table."""
     tall, cube = item("cereal_y", 0.75, 0.0), item("green_cube", 0.93, 0.0)

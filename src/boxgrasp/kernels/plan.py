@@ -250,50 +250,34 @@ def grow(
     """
     grown = seeds.copy()
     nx, ny = grown.shape
-    changed, rings = True, 0
-    while changed and rings < most_rings:
-        changed = False
+    reached = np.full((nx, ny), -1, dtype=np.int64)  # by the ring that is being grown
+    ring = np.empty((nx * ny, 2), dtype=np.int64)  # each cell once: seeds, then ring after ring
+    start, stop, rings = 0, 0, 0
+    for x in range(nx):
+        for y in range(ny):
+            if seeds[x, y] >= 0:
+                ring[stop, 0], ring[stop, 1] = x, y
+                stop += 1
+    while start < stop and rings < most_rings:
         rings += 1
-        before = grown.copy()
-        for x in range(nx):
-            for y in range(ny):
-                if not inside[x, y] or before[x, y] != -1:
-                    continue
-                best = 1 << 60
-                for dx in range(-1, 2):
-                    for dy in range(-1, 2):
-                        a, b = x + dx, y + dy
-                        if 0 <= a < nx and 0 <= b < ny and before[a, b] >= 0:
-                            best = min(best, before[a, b])
-                if best < 1 << 60:
-                    grown[x, y] = best
-                    changed = True
+        end = stop
+        for k in range(start, stop):
+            x, y = ring[k, 0], ring[k, 1]
+            for a in range(max(x - 1, 0), min(x + 2, nx)):
+                for b in range(max(y - 1, 0), min(y + 2, ny)):
+                    if grown[a, b] != -1 or not inside[a, b]:
+                        continue
+                    if reached[a, b] == -1:
+                        ring[end, 0], ring[end, 1] = a, b
+                        end += 1
+                        reached[a, b] = grown[x, y]
+                    else:
+                        reached[a, b] = min(reached[a, b], grown[x, y])
+        for k in range(stop, end):
+            x, y = ring[k, 0], ring[k, 1]
+            grown[x, y] = reached[x, y]
+        start, stop = stop, end
     return grown
-
-
-@jit
-def nearest(points: Points, others: Points) -> NDArray[np.int64]:
-    """The other point nearest to each point; the first of equals.
-
-    Args:
-        points: (N, 3) float32, m.
-        others: (M, 3) float32, m.
-
-    Returns:
-        (N,) int64 rows of the others.
-    """
-    found = np.zeros(points.shape[0], dtype=np.int64)
-    for i in range(points.shape[0]):
-        least = np.inf
-        for j in range(others.shape[0]):
-            x = points[i, 0] - others[j, 0]
-            y = points[i, 1] - others[j, 1]
-            z = points[i, 2] - others[j, 2]
-            d = x * x + y * y + z * z
-            if d < least:
-                least = d
-                found[i] = j
-    return found
 
 
 @jit

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
     NOTHING,
@@ -56,6 +57,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, sensors, placement, config)
     voxels = downsampled(over, config.voxel_m)
+    config = replace(config, voxel_m=voxels.edge_m)  # coarser in a view full of noise
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, len(voxels.centroids))
@@ -64,12 +66,17 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     camera_table_m = placement.camera_position_table_m(T_base_camera)
     seen = SeenPoints(voxels.centroids, colors, camera_table_m, image, sensors[0])
     segments = _segments(seen, config)
-    clusters = segments.clusters
-    # 4. Objects: the clusters over the seen table that are in reach, from the nearest.
-    middles = cluster_middles(voxels.centroids, clusters)
-    over_table = placement.over_seen(points, middles) & segments.objects
-    over_table &= ~are_no_things(capture, placement.T_source_table, voxels.centroids, clusters)
-    points_base = transform(placement.T_base_table, voxels.centroids)
+    # 4. What lies as low as the table but is a thing's: floors of hollow ones, and flat ones.
+    floorless = np.zeros(len(voxels.centroids), dtype=np.bool_)
+    found = FoundPoints(voxels.centroids, segments, shown, floorless)
+    if view.shape is not None:
+        found = with_low_points(found, first_rows, view, placement, sensors[0], config)
+    clusters, shown = found.segments.clusters, found.shown
+    # 5. Objects: the clusters over the seen table that are in reach, from the nearest.
+    middles = cluster_middles(found.points, clusters)
+    over_table = placement.over_seen(points, middles) & found.segments.objects
+    over_table &= ~are_no_things(capture, placement.T_source_table, found.points, clusters)
+    points_base = transform(placement.T_base_table, found.points)
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
     if not objects:
@@ -79,6 +86,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         points=readonly(np.ascontiguousarray(points_base[kept])),
         object_numbers=readonly(numbers[kept]),
         clusters=readonly(clusters[kept]),
+        floor_mask=readonly(found.floor_mask[kept]),
         objects=objects,
         plane=placement.plane.moved(T_base_source),
         supports=placement.supports,

@@ -13,6 +13,7 @@ from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.kernels.table_cells import hole_rim
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.supports import Supports
@@ -65,6 +66,7 @@ class Scene:
         points: (K, 3) float32, voxel centroids over the plane, m.
         object_numbers: (K,) int64, 0 for what is no object.
         clusters: (K,) int64, which points belong together, objects or not.
+        floor_mask: (K,) bool, points of hollow things' floors, as low as the table: no obstacles.
         objects: by their numbers, without pixels.
         plane: the support plane; once a target is known, that under it (`perception.standing`).
         supports: the support plane and the level surfaces beside it, table frame.
@@ -79,6 +81,7 @@ class Scene:
     points: Points
     object_numbers: NDArray[np.int64]
     clusters: Clusters
+    floor_mask: NDArray[np.bool_]
     objects: tuple[SceneObject, ...]
     plane: Plane
     supports: Supports
@@ -148,6 +151,22 @@ class Scene:
         seen = rows_of(pixels, self.views[0].pixels) >= 0
         rows = np.where(shown >= 0, self._shown.rows[shown], TABLE)
         return np.where(seen, rows, MISSING)
+
+    def hole_rim(self, pixel: int) -> NDArray[np.int64]:
+        """What the pixels round a hole in the depth show.
+
+        Args:
+            pixel: flat pixel v * W + u, of one that is missing.
+
+        Returns:
+            (n,) int64 object numbers, 0 for no object, each pixel once; none where the hole ends
+            with the image.
+        """
+        height, width = self.shape or (0, 0)
+        numbers = np.full(height * width, MISSING, dtype=np.int64)
+        numbers[self.views[0].pixels] = 0
+        numbers[self._shown.pixels] = self.object_numbers[self._shown.rows]
+        return hole_rim(numbers.reshape(height, width), *divmod(pixel, width), MISSING)
 
     def height_at(self, pixel: int) -> float:
         """How high lies what a pixel shows over the surface that it stands over.

@@ -86,6 +86,7 @@ def _with_surfaces(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoi
         points=readonly(np.vstack((scene.points, added))),
         object_numbers=_extended(scene.object_numbers, 0, count),
         clusters=_extended(scene.clusters, cluster, count),
+        floor_mask=_extended(scene.floor_mask, 0, count),
     )
     return scene, TargetPoints(
         _extended(points.target_mask, 0, count), _extended(obstacles, 1, count)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import TargetError
 from boxgrasp.kernels.cells import euclidean_clusters
+from boxgrasp.perception.hollow_things import RIM_SHARE
 from boxgrasp.perception.scene import MISSING, Scene
 from boxgrasp.sensing.capture import Capture
 
@@ -97,7 +98,7 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
             "no target given; valid: a pixel, mask, point or object number, or a capture with one"
         )
     target_mask = np.asarray(scene.object_numbers == number)
-    return TargetPoints(readonly(target_mask), readonly(~target_mask))
+    return TargetPoints(readonly(target_mask), readonly(~target_mask & ~scene.floor_mask))
 
 
 def _known_number(scene: Scene, number: int) -> int:
@@ -127,11 +128,14 @@ def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
 
 
 def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
-    """Object number under a pixel; without depth there, under the nearest pixel that has it."""
+    """Object number under a pixel; without depth there, that round it or nearest to it."""
     if scene.shape is None:
         raise TargetError("an unorganized cloud has no pixels; valid: a point or object number")
     u, v = _pixel_inside(pixel, scene.shape)
-    near = _nearest_shown(scene, u, v, scene.shape)
+    round_it = _round_hole(scene, u, v)
+    if len(round_it) == 1:
+        return round_it[0]
+    near = _nearest_shown(scene, u, v, scene.shape, round_it)
     if near.number > 0:
         return near.number
     if near.nearest_object is not None and scene.height_at(near.pixel) > _CLEARLY_M:
@@ -172,7 +176,28 @@ class _Near:
     nearest_object: int | None
 
 
-def _nearest_shown(scene: Scene, u: int, v: int, shape: tuple[int, int]) -> _Near:
+def _round_hole(scene: Scene, u: int, v: int) -> tuple[int, ...]:
+    """The object that encloses a hole in the depth, or those that do so together; none else.
+
+    A dark, shiny or transparent surface has no depth, and what shows round it is the same thing's.
+    """
+    pixel = v * (scene.shape or (0, 0))[1] + u
+    if scene.rows_at(np.array([pixel]))[0] != MISSING:
+        return ()
+    rim = scene.hole_rim(pixel)
+    counts = np.bincount(rim, minlength=1)
+    counts[0] = 0
+    if len(rim) == 0 or counts.sum() < RIM_SHARE * len(rim):
+        return ()
+    main = int(np.argmax(counts))
+    if counts[main] >= RIM_SHARE * len(rim):
+        return (main,)
+    return tuple(np.argsort(-counts, kind="stable")[:2].tolist())
+
+
+def _nearest_shown(
+    scene: Scene, u: int, v: int, shape: tuple[int, int], round_it: tuple[int, ...]
+) -> _Near:
     height, width = shape
     v0, u0 = max(v - _PIXEL_REACH, 0), max(u - _PIXEL_REACH, 0)
     down = np.arange(v0, min(v + _PIXEL_REACH + 1, height))
@@ -181,6 +206,11 @@ def _nearest_shown(scene: Scene, u: int, v: int, shape: tuple[int, int]) -> _Nea
     rows, columns = np.nonzero(shown != MISSING)
     off = (rows + v0 - v) ** 2 + (columns + u0 - u) ** 2
     if len(off) == 0 or off.min() > _PIXEL_REACH**2:
+        if round_it:
+            raise TargetError(
+                f"pixel {u} {v} has no depth and lies between objects {round_it[0]} and "
+                f"{round_it[1]}; valid: a pixel on one of them, or its number"
+            )
         raise TargetError(f"pixel {u} {v} has no depth near it; valid: a pixel on an object")
     point = shown[rows, columns]
     numbers = np.where(point >= 0, scene.object_numbers[np.maximum(point, 0)], -1)
@@ -214,7 +244,7 @@ def _under_mask(scene: Scene, mask: NDArray[np.bool_]) -> TargetPoints:
     pieces = euclidean_clusters(np.ascontiguousarray(scene.points[rows]), _MASK_JOIN_M)
     under[rows[pieces != np.bincount(pieces).argmax()]] = False
     rim = _beside(scene.points, under) & np.isin(scene.clusters, scene.clusters[under])
-    return TargetPoints(readonly(under), readonly(~under & ~rim))
+    return TargetPoints(readonly(under), readonly(~under & ~rim & ~scene.floor_mask))
 
 
 def _beside(points: Points, target_mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -10,17 +10,19 @@ left with a narrow neck in an outline that is not convex is cut there.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
+from boxgrasp.kernels.nearest import nearest
 from boxgrasp.kernels.plan import (
     borders,
     filled,
     grow,
     hull_area,
     inward,
-    nearest,
     patches,
     plan_grid,
     smooth_cells,
@@ -221,20 +223,65 @@ def _pair_to_join(
 
 def _apart(patch_of: Patches) -> Patches:
     """Patches whose outlines overlap are one: a bowl's floor lies within its rim."""
-    patch_of = patch_of.copy()
+    count = int(patch_of.max()) + 1
+    outlines = [_Outline.of(*np.nonzero(patch_of == k)) for k in range(count)]
     a = 0
-    while a <= patch_of.max():
-        for b in range(a + 1, int(patch_of.max()) + 1):
-            hulls = [hull_area(patch_of == k) for k in (a, b)]
-            both = hull_area((patch_of == a) | (patch_of == b))
-            # Two convex outlines side by side span at least the sum of their areas.
-            if sum(hulls) - both > _OVERLAP * min(hulls):
-                patch_of[patch_of == b] = a
-                patch_of[patch_of > b] -= 1
+    while a < len(outlines):
+        for b in range(a + 1, len(outlines)):
+            both = outlines[a].overlapping(outlines[b])
+            if both is not None:
+                outlines[a] = both
+                del outlines[b]
                 a = -1
                 break
         a += 1
-    return patch_of
+    joined = np.full_like(patch_of, -1)
+    for name, outline in enumerate(outlines):
+        joined[outline.rows, outline.columns] = name
+    return joined
+
+
+@dataclass(frozen=True, eq=False)
+class _Outline:
+    """A patch with the convex hull of its cells.
+
+    Attributes:
+        rows: (C,) int64, of its cells.
+        columns: (C,) int64.
+        low: the least row and column.
+        high: the greatest.
+        hull: area, in cells.
+    """
+
+    rows: Patches
+    columns: Patches
+    low: tuple[int, int]
+    high: tuple[int, int]
+    hull: float
+
+    @staticmethod
+    def of(rows: Patches, columns: Patches) -> _Outline:
+        """The outline of some cells."""
+        low = int(rows.min()), int(columns.min())
+        high = int(rows.max()), int(columns.max())
+        inside = np.zeros((high[0] - low[0] + 1, high[1] - low[1] + 1), dtype=np.bool_)
+        inside[rows - low[0], columns - low[1]] = True
+        return _Outline(rows, columns, low, high, hull_area(inside))
+
+    def overlapping(self, other: _Outline) -> _Outline | None:
+        """The outline of both where they overlap; None else."""
+        least = _OVERLAP * min(self.hull, other.hull)
+        shared = 1
+        for k in (0, 1):
+            span = min(self.high[k], other.high[k]) - max(self.low[k], other.low[k]) + 1
+            shared *= max(span, 0)
+        if shared <= least:  # hulls overlap by no more than the rectangles round them
+            return None
+        both = _Outline.of(
+            np.concatenate((self.rows, other.rows)), np.concatenate((self.columns, other.columns))
+        )
+        # Two convex outlines side by side span at least the sum of their areas.
+        return both if self.hull + other.hull - both.hull > least else None
 
 
 def _cut_necks(patch_of: Patches, least: int) -> Patches:
