@@ -171,7 +171,8 @@ def test_what_is_no_thing_stays_an_obstacle(seed: int) -> None:
     # Every point that is an obstacle or an object by the one is one by the other, but for specks.
     assert abs(len(split.points) - len(network.points)) < 0.02 * len(split.points) + 40
     answer = GraspSelector(NETWORK).select(capture)
-    assert len(answer.candidates) == 15 and not answer.warnings
+    known = {warning.code for warning in GraspSelector(SPLIT).select(capture).warnings}
+    assert len(answer.candidates) == 15 and {w.code for w in answer.warnings} <= known
 
 
 def test_the_same_view_gives_the_same_bytes() -> None:

@@ -282,10 +282,10 @@ def test_points_are_three_millimeter_voxels_over_the_plane() -> None:
 
 
 def test_a_view_full_of_noise_has_few_points() -> None:
-    """Three centimeters of noise on every pixel: the work is bounded by coarser voxels."""
+    """Two centimeters of noise on every pixel: the work is bounded by coarser voxels."""
     view = seen(laid(*SPREAD))
     assert view.depth is not None
-    rough = view.depth + np.random.default_rng(0).normal(0, 0.03, view.depth.shape)
+    rough = view.depth + np.random.default_rng(0).normal(0, 0.02, view.depth.shape)
     capture = Capture(rough.astype(np.float32), view.intrinsics, view.T_base_camera)
     found = find_scene(capture, (), SceneConfig())
     assert 20_000 < len(found.points) <= 80_000

@@ -67,15 +67,12 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     seen = SeenPoints(voxels.centroids, colors, camera_table_m, image, sensors[0])
     segments = _segments(seen, config)
     # 4. What lies as low as the table but is a thing's: floors of hollow ones, and flat ones.
-    floorless = np.zeros(len(voxels.centroids), dtype=np.bool_)
-    found = FoundPoints(voxels.centroids, segments, shown, floorless)
+    found = FoundPoints.over_table(voxels.centroids, segments, shown)
     if view.shape is not None:
         found = with_low_points(found, first_rows, view, placement, sensors[0], config)
     clusters, shown = found.segments.clusters, found.shown
     # 5. Objects: the clusters over the seen table that are in reach, from the nearest.
-    middles = cluster_middles(found.points, clusters)
-    over_table = placement.over_seen(points, middles) & found.segments.objects
-    over_table &= ~are_no_things(capture, placement.T_source_table, found.points, clusters)
+    over_table = _over_table(capture, points, placement, found)
     points_base = transform(placement.T_base_table, found.points)
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
@@ -94,14 +91,20 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
-        warnings=(
-            *_warnings(config, image),
-            *placement.supports.warnings(),
-            *_flying_warnings(views),
-        ),
+        warnings=_warnings(config, image, placement, views),
         sensor=config.sensor_model,
         _shown=_of_kept(shown, kept),
     )
+
+
+def _over_table(
+    capture: Capture, points: Points, placement: Placement, found: FoundPoints
+) -> NDArray[np.bool_]:
+    """(C,) which clusters stand over a surface that was seen, and are no strips of its edge."""
+    clusters = found.segments.clusters
+    over = placement.over_seen(points, cluster_middles(found.points, clusters))
+    strips = are_no_things(capture, placement.T_source_table, found.points, clusters)
+    return np.asarray(over & found.segments.objects & ~strips)
 
 
 def _points_over(
@@ -174,17 +177,17 @@ def _segmentation(config: SceneConfig, image: DepthImage | None) -> str:
     return WITHOUT_IMAGE if without else config.segmentation
 
 
-def _warnings(config: SceneConfig, image: DepthImage | None) -> tuple[CodedWarning, ...]:
+def _warnings(
+    config: SceneConfig, image: DepthImage | None, placement: Placement, views: Sequence[View]
+) -> tuple[CodedWarning, ...]:
+    told = []
     used = _segmentation(config, image)
-    if used == config.segmentation:
-        return ()
-    said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
-    return (CodedWarning("segmentation_without_image", said),)
-
-
-def _flying_warnings(views: Sequence[View]) -> tuple[CodedWarning, ...]:
+    if used != config.segmentation:
+        said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
+        told.append(CodedWarning("segmentation_without_image", said))
+    told += placement.supports.warnings()
     count, of = sum(view.flying for view in views), sum(len(view.points) for view in views)
-    if count <= _TOLD_SHARE * of:
-        return ()
-    said = f"{count} pixels lie between two surfaces and show neither: they were left out"
-    return (CodedWarning("flying_pixels", said),)
+    if count > _TOLD_SHARE * of:
+        said = f"{count} pixels lie between two surfaces and show neither: they were left out"
+        told.append(CodedWarning("flying_pixels", said))
+    return tuple(told)

@@ -40,6 +40,20 @@ class FoundPoints:
     shown: ShownPoints
     floor_mask: NDArray[np.bool_]
 
+    @staticmethod
+    def over_table(points: Points, segments: Segments, shown: ShownPoints) -> FoundPoints:
+        """Points of which none is a floor's.
+
+        Args:
+            points: as `FoundPoints.points`.
+            segments: of them.
+            shown: as `FoundPoints.shown`.
+
+        Returns:
+            The points.
+        """
+        return FoundPoints(points, segments, shown, np.zeros(len(points), dtype=np.bool_))
+
 
 def with_low_points(
     found: FoundPoints,

@@ -50,7 +50,7 @@ class TableLevel:
     Attributes:
         view: the view, with an image.
         placement: where it lies.
-        taken: (P,) int32, rising, rows of the view's points that are not the table's.
+        taken: (P,) int32, rising, rows of the view's points that are not the table's own.
         owner: (rows, columns) int64 the cluster that most of a cell's pixels show, -1 for none.
         cell_px: edge of a cell, px.
     """
@@ -80,6 +80,10 @@ class TableLevel:
         cell_px = max(1, round(width / _CELLS))
         taken, owners = over[shown >= 0], shown[shown >= 0]
         owner = cell_owners(view.pixels[taken], owners, cell_px, width, -(-height // cell_px))
+        if len(placement.supports.planes) > 1:  # a step or second table is at a level of its own
+            local = transform(invert(placement.T_source_table), view.points)
+            beside = np.flatnonzero(placement.supports.owners(local) > 0)
+            taken = np.union1d(taken, beside).astype(np.int32)
         return TableLevel(view, placement, taken, owner, cell_px)
 
     @property
