@@ -17,6 +17,7 @@ from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, transform
 from boxgrasp.perception.box_fit import BoxConfig, fit_box
 from boxgrasp.perception.find_scene import find_scene
+from boxgrasp.perception.over_plane import downsampled
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.target import Target, find_target
@@ -281,14 +282,14 @@ def test_points_are_three_millimeter_voxels_over_the_plane() -> None:
     assert len(np.unique(cells[~on_edge], axis=0)) == np.count_nonzero(~on_edge)
 
 
-def test_a_view_full_of_noise_has_few_points() -> None:
-    """Two centimeters of noise on every pixel: the work is bounded by coarser voxels."""
-    view = seen(laid(*SPREAD))
-    assert view.depth is not None
-    rough = view.depth + np.random.default_rng(0).normal(0, 0.02, view.depth.shape)
-    capture = Capture(rough.astype(np.float32), view.intrinsics, view.T_base_camera)
-    found = find_scene(capture, (), SceneConfig())
-    assert 20_000 < len(found.points) <= 80_000
+def test_noise_all_over_has_few_voxels() -> None:
+    """Points in every voxel of a cubic meter: the work is bounded by coarser voxels."""
+    points = np.random.default_rng(0).random((300_000, 3), dtype=np.float32)
+    voxels = downsampled(points, 0.003)
+    assert 20_000 < len(voxels.centroids) <= 80_000
+    assert voxels.edge_m > 0.015 and voxels.voxel_of.max() == len(voxels.centroids) - 1
+    off = np.abs(voxels.centroids[voxels.voxel_of] - points)
+    assert off.max() <= 2 * voxels.edge_m  # a voxel of voxels
 
 
 def test_further_scans_show_what_the_first_does_not() -> None:
