@@ -126,7 +126,7 @@ def test_labels_count_pixels_with_depth_alone() -> None:
 
 def test_cast_scenes_judges_one_scene() -> None:
     out = printed("cast_scenes")
-    assert out.count("answered by a grasp") == 2  # once a segmentation
+    assert out.count("answered by a grasp") == 3  # once a segmentation
     assert "1 scenes" in out and "hopeless" not in out
 
 

@@ -20,6 +20,7 @@ from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError, SceneError
 from boxgrasp.kernels.flood import flood, nearest_labels
 from boxgrasp.kernels.mutex import mutex_watershed
+from boxgrasp.kernels.nearest import nearest
 from boxgrasp.kernels.plan import grow
 from boxgrasp.onnx.session import load_file, open_session, record_of
 from boxgrasp.perception.segmentation.clusters import Clusters
@@ -172,6 +173,7 @@ def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
         raise SceneError("segmentation by the network needs an image; valid: split, euclidean")
     network = network_of(config.network)
     clusters = _clusters_of(thing_image(network, seen.image), seen.image, len(seen.points))
+    _join_unseen(clusters, seen, config.cluster_tolerance_m)
     found = int(clusters.max(initial=-1)) + 1
     rest = np.flatnonzero(clusters < 0)
     points = np.ascontiguousarray(seen.points[rest])
@@ -179,6 +181,26 @@ def network_segments(seen: SeenPoints, config: SegmentationConfig) -> Segments:
     clusters[rest] = np.where(others >= 0, found + others, -1)
     count = int(clusters.max(initial=-1)) + 1
     return Segments(clusters, np.arange(count) < found)
+
+
+def _join_unseen(clusters: Clusters, seen: SeenPoints, tolerance_m: float) -> None:
+    """Points that the image does not show, but a further scan, join the thing that they go on."""
+    assert seen.image is not None
+    unseen = np.bincount(seen.image.rows, minlength=len(clusters)) == 0
+    edge = clusters >= 0
+    while True:
+        left = np.flatnonzero(unseen & (clusters < 0))
+        things = np.flatnonzero(edge)
+        if len(left) == 0 or len(things) == 0:
+            return
+        points = np.ascontiguousarray(seen.points[left])
+        others = np.ascontiguousarray(seen.points[things])
+        nearest_thing = nearest(points, others)
+        off = points - others[nearest_thing]
+        joined = np.einsum("ij,ij->i", off, off) < tolerance_m**2
+        edge = np.zeros_like(edge)
+        edge[left[joined]] = True
+        clusters[left[joined]] = clusters[things[nearest_thing[joined]]]
 
 
 @dataclass(frozen=True, eq=False)
