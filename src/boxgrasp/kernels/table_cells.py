@@ -44,16 +44,18 @@ def cell_heights(
         count: (rows, columns) int32 to add to.
         first: (rows, columns) int32, -1, to fill with the row of a cell's first point.
     """
-    at = 0
+    at, row = 0, 0
+    column_of = np.arange(width) // cell_px
     for i in range(points.shape[0]):
-        while at < taken.shape[0] and taken[at] < i:
-            at += 1
         if at < taken.shape[0] and taken[at] == i:
+            at += 1
             continue
         height = _height(points, i, plane)
         if not limits_m[0] < height < limits_m[1]:
             continue
-        v, u = pixels[i] // width // cell_px, pixels[i] % width // cell_px
+        while pixels[i] >= (row + 1) * width:
+            row += 1
+        v, u = row // cell_px, column_of[pixels[i] - row * width]
         if count[v, u] == 0:
             first[v, u] = i
         total_m[v, u] += height
@@ -86,22 +88,28 @@ def rows_in_cells(
     Returns:
         (n,) int32 rows, rising; (n,) int64 names of their cells; (n,) float32 heights, m.
     """
-    most = 0
+    most, top, bottom = 0, wanted.shape[0], 0
     for v in range(wanted.shape[0]):
         for u in range(wanted.shape[1]):
             if wanted[v, u] >= 0:
                 most += cell_px * cell_px
+                top, bottom = min(top, v), v + 1
+    start = np.searchsorted(pixels, top * cell_px * width)
+    stop = np.searchsorted(pixels, bottom * cell_px * width)
     most = min(most, points.shape[0])
     rows = np.empty(most, dtype=np.int32)
     names = np.empty(most, dtype=np.int64)
     heights = np.empty(most, dtype=np.float32)
-    found, at = 0, 0
-    for i in range(points.shape[0]):
-        while at < taken.shape[0] and taken[at] < i:
-            at += 1
+    found, row = 0, 0
+    at = np.searchsorted(taken, start)
+    column_of = np.arange(width) // cell_px
+    for i in range(start, stop):
         if at < taken.shape[0] and taken[at] == i:
+            at += 1
             continue
-        name = wanted[pixels[i] // width // cell_px, pixels[i] % width // cell_px]
+        while pixels[i] >= (row + 1) * width:
+            row += 1
+        name = wanted[row // cell_px, column_of[pixels[i] - row * width]]
         if name < 0:
             continue
         height = _height(points, i, plane)
@@ -109,6 +117,25 @@ def rows_in_cells(
             rows[found], names[found], heights[found] = i, name, height
             found += 1
     return rows[:found], names[:found], heights[:found]
+
+
+@jit
+def tops(points: Points, clusters: NDArray[np.int64], count: int) -> Points:
+    """The height of the highest point of each cluster.
+
+    Args:
+        points: (V, 3) float32, table frame, m.
+        clusters: (V,) int64, -1 for none.
+        count: of clusters, C.
+
+    Returns:
+        (C,) float32, m, 0 at least.
+    """
+    top = np.zeros(count, dtype=np.float32)
+    for i in range(points.shape[0]):
+        if clusters[i] >= 0:
+            top[clusters[i]] = max(top[clusters[i]], points[i, 2])
+    return top
 
 
 @jit

@@ -104,7 +104,8 @@ def _over_table(
     clusters = found.segments.clusters
     over = placement.over_seen(points, cluster_middles(found.points, clusters))
     strips = are_no_things(capture, placement.T_source_table, found.points, clusters)
-    return np.asarray(over & found.segments.objects & ~strips)
+    objects = found.segments.objects[: len(over)]  # the last ones may have lost all their points
+    return np.asarray(over & objects & ~strips)
 
 
 def _points_over(

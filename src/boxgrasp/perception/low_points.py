@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.kernels.cells import voxel_centroids
+from boxgrasp.kernels.table_cells import tops
 from boxgrasp.perception.flat_things import flat_things
 from boxgrasp.perception.hollow_things import hollow_things
 from boxgrasp.perception.placement import Placement
@@ -107,9 +108,7 @@ def with_low_points(
 
 def _are_low(points: Points, segments: Segments) -> NDArray[np.bool_]:
     """(C,) whether each segment ends within 2 cm of the table."""
-    top = np.zeros(len(segments.objects), dtype=np.float32)
-    held = segments.clusters >= 0
-    np.maximum.at(top, segments.clusters[held], points[held, 2])
+    top = tops(points, segments.clusters, len(segments.objects))
     return np.asarray(top < _LOW_M)
 
 
