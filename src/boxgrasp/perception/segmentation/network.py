@@ -22,6 +22,7 @@ from boxgrasp.kernels.flood import flood, nearest_labels
 from boxgrasp.kernels.mutex import mutex_watershed
 from boxgrasp.kernels.nearest import nearest
 from boxgrasp.kernels.plan import grow
+from boxgrasp.kernels.table_cells import regions
 from boxgrasp.onnx.session import load_file, open_session, record_of
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
@@ -61,8 +62,8 @@ _LEAST_HEIGHT_M: Final = 0.004  # a cell of the table's own noise is no thing
 _FAR_ATTRACTION: Final = 0.02  # less for cells three steps away: near ones are joined first
 _ATTRACTING: Final = 4  # offsets along u and v by 1 and 3; farther ones only keep apart
 _NEAREST: Final = 2  # offsets by 1, which never keep apart: a cut there would be noise
-_LEAST_CELLS: Final = 40  # smaller pieces go to what they touch
-_FEWEST_CELLS: Final = 6  # of a piece that touches nothing; smaller ones are none
+_LEAST_CELLS: Final = 40  # of a group; what is smaller goes to the group that a surface leads from
+_FEWEST_CELLS: Final = 4  # of a sliver that no surface leads to
 _FAR_M: Final = 1.25  # from where things are looked at more finely than the focal length asks
 _MOST_CELLS: Final = 20_000  # that the network sees at once: a 640 x 480 image at every 2nd pixel
 _MARGIN_CELLS: Final = 8  # round the points: what the network sees beside a thing
@@ -246,12 +247,20 @@ def thing_image(network: Network, image: DepthImage) -> ThingImage:
     measured = (depth > 0) & (height > _LEAST_HEIGHT_M)
     shows = measured[asked] & (said[0] > _THING)
     sure = _sure(depth)[asked]  # the network was never told what outlines show
-    grouped = _grouped(said, shows & sure, network.offsets)
     things = np.full(depth.shape, -1, dtype=np.int64)
+    things[asked] = _grouped(said, shows & sure, network.offsets)
+    limits_m = np.array(_LIMITS_M)
+    showing = np.repeat(np.repeat(shows, cell, 0), cell, 1)[: depth.shape[0], : depth.shape[1]]
+    flood(depth, things, showing & (depth > 0), limits_m)
+    # What shows a thing, but no surface leads there: slivers behind a nearer thing.
+    sliver, found = regions((things[asked] < 0) & shows & sure, False)
+    sizes = np.bincount(sliver[sliver >= 0], minlength=found + 1)
+    alone = (sliver >= 0) & (sizes[sliver] >= _FEWEST_CELLS)
+    things[asked][alone] = int(things.max()) + 1 + sliver[alone]
     # Round a thing its rim is too mixed to tell; farther away what is none is sure to be none.
-    none = (grouped < 0) & (grow(grouped, np.ones_like(sure), _RINGS) < 0)
-    things[asked] = np.where(none, _NONE, grouped)
-    flood(depth, things, depth > 0, np.array(_LIMITS_M))
+    none = grow(np.where(shows, 0, -1), np.ones_like(sure), _RINGS) < 0
+    things[asked][none] = _NONE
+    flood(depth, things, depth > 0, limits_m)
     things[things == _NONE] = -1
     return ThingImage(things, depth, (pixels[0].start * step, pixels[1].start * step), step)
 
@@ -350,7 +359,7 @@ def _slope_and_bend(
 def _grouped(
     said: NDArray[np.float32], inside: NDArray[np.bool_], offsets: tuple[tuple[int, int], ...]
 ) -> NDArray[np.int64]:
-    """(rows, columns) thing of each inside cell, -1 else."""
+    """(rows, columns) thing of each inside cell, -1 outside and in small groups."""
     things = np.full(inside.shape, -1, dtype=np.int64)
     count = int(np.count_nonzero(inside))
     if count == 0:
@@ -367,9 +376,6 @@ def _grouped(
     _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     group = group.reshape(-1)
     things[inside] = np.where(sizes[group] >= _LEAST_CELLS, group, -1)
-    things = grow(things, inside, max(inside.shape))
-    alone = np.where(sizes[group] >= _FEWEST_CELLS, group, -1)  # touches nothing larger
-    things[inside] = np.where(things[inside] >= 0, things[inside], alone)
     return things
 
 
