@@ -29,7 +29,7 @@ def stand_target(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoint
     """The scene over the plane that carries the target, and which of its points are in the way.
 
     A surface beside it that is higher becomes an obstacle. Where the base frame is the support
-    plane's, it becomes that of the target's plane.
+    plane's and the target stands on another surface, it becomes that surface's.
 
     Args:
         scene: as it was found, before a target was known.
@@ -47,7 +47,7 @@ def stand_target(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoint
     scene = replace(scene, plane=plane)
     if len(scene.supports.planes) > 1:
         scene, points = _with_surfaces(scene, points)
-    return (_reframed(scene) if scene.frame == "support" else scene), points
+    return (_reframed(scene) if scene.frame == "support" and number > 0 else scene), points
 
 
 def _near(scene: Scene, number: int, middle_m: Floats) -> Floats:
