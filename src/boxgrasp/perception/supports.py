@@ -20,7 +20,7 @@ from boxgrasp.kernels.plan import patches
 from boxgrasp.perception.support_plane import fitted_plane, spans
 
 # Found on cast tables and on the real captures that the tests read.
-_SAMPLE = 10_000  # points tell the levels as well as all
+_SAMPLE = 20_000  # points tell the levels as well as all; of 10,000 some miss the cells of a board
 _STEP_M = (0.012, 0.10)  # m up or down from the support plane: less is warp, more another storey
 _CELL_M = 0.025  # m, cells of the plan: four points or so of the sample at 1 m
 _BIN_M = 0.004  # m of height
