@@ -421,12 +421,16 @@ def _shown_things(found: ThingImage, image: DepthImage) -> NDArray[np.int64]:
 
 def _clusters_of(found: ThingImage, image: DepthImage, count: int) -> Clusters:
     """(K,) the thing that most of a point's pixels show, ids without gaps; -1 for none."""
-    shown = _shown_things(found, image) + 1
+    shown = _without_gaps(_shown_things(found, image)) + 1
     kinds = int(shown.max(initial=0)) + 1
     votes = np.bincount(image.rows * kinds + shown, minlength=count * kinds).reshape(count, kinds)
     best = np.argmax(votes, axis=1) - 1
     best[votes.sum(axis=1) == 0] = -1
-    ids = np.full(kinds, -1, dtype=np.int64)
-    present = np.unique(best[best >= 0])
-    ids[present] = np.arange(len(present))
-    return np.where(best >= 0, ids[best], -1)
+    return _without_gaps(best)
+
+
+def _without_gaps(names: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) the same names from 0 on, in their order; -1 stays."""
+    present = np.bincount(names[names >= 0], minlength=1) > 0
+    ids = np.append(np.cumsum(present) - 1, -1)
+    return np.asarray(ids[names])
