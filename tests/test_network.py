@@ -128,6 +128,17 @@ def test_images_of_any_size_are_taken(shape: tuple[int, int]) -> None:
     assert ((said >= 0) & (said <= 1)).all()
 
 
+def test_the_number_of_threads_changes_no_bit() -> None:
+    from boxgrasp.onnx.session import open_session
+
+    data = WEIGHTS.read_bytes()
+    x = np.random.default_rng(0).normal(size=(1, 7, 208, 256)).astype(np.float32)
+    said = [open_session(data, {"Conv", "Relu", "Concat", "Resize"}, n).run(["y"], {"x": x})[0]
+            for n in (1, 2, 3)]  # fmt: skip
+    np.testing.assert_array_equal(said[0], said[1])
+    np.testing.assert_array_equal(said[0], said[2])
+
+
 def overlap(truth: np.ndarray, found: np.ndarray, number: int) -> float:
     """Intersection over union of a true object and the piece that shares most with it."""
     own = truth == number

@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 
-_WORKERS = max(1, min(4, os.cpu_count() or 1))  # one frame is too small for more
+MOST_THREADS = max(1, min(4, os.cpu_count() or 1))  # one frame is too small for more
 # Of the calling thread, so that tasks side by side in one process do not undo each other's.
-_limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=_WORKERS)
+_limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=MOST_THREADS)
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_WORKERS, thread_name_prefix="boxgrasp")
+    return ThreadPoolExecutor(MOST_THREADS, thread_name_prefix="boxgrasp")
 
 
 @contextmanager

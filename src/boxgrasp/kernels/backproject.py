@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Points
+from boxgrasp.arrays import Array, Points
 from boxgrasp.kernels._jit import jit
 
 
@@ -110,3 +110,22 @@ def backproject_naive(
                 points.append(ray * float(depth[v, u]))
                 pixels.append(v * depth.shape[1] + u)
     return np.array(points, np.float32).reshape(-1, 3), np.array(pixels, np.int32)
+
+
+@jit
+def depth_and_height(
+    points: Array, pixels: Array, plane: Array, depth: Array, height: Array
+) -> None:
+    """Lay points out as images of their depth and of their height over a plane.
+
+    Args:
+        points: (N, 3) float32, optical frame, m.
+        pixels: (N,) int32, flat pixel of each.
+        plane: (4,) float64 unit normal n and d of n . p + d = 0, m.
+        depth: (H * W,) float32 to fill where there are points, m.
+        height: (H * W,) float32 likewise, m.
+    """
+    for k in range(points.shape[0]):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        depth[pixels[k]] = z
+        height[pixels[k]] = plane[0] * x + plane[1] * y + plane[2] * z + plane[3]

@@ -75,12 +75,13 @@ def record_of(data: bytes) -> tuple[bytes, bool]:
     return text, file.metadata.get(DIGEST_KEY) == digest(file.graph, text).encode()
 
 
-def open_session(data: bytes, operators: Collection[str]) -> Any:
-    """What runs a graph, on one thread; no code of the file is run and no other file opened.
+def open_session(data: bytes, operators: Collection[str], threads: int = 1) -> Any:
+    """What runs a graph; no code of the file is run and no other file opened.
 
     Args:
         data: the file's bytes.
         operators: of the standard set, that it may hold.
+        threads: that share the work of one call.
 
     Returns:
         An `onnxruntime.InferenceSession`; safe from several threads.
@@ -97,7 +98,8 @@ def open_session(data: bytes, operators: Collection[str]) -> Any:
             "trained models need onnxruntime; install with: pip install onnxruntime"
         ) from None
     options = ort.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # others need cores
     options.use_deterministic_compute = True
     options.log_severity_level = 4
     try:

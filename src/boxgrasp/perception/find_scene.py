@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.kernels.backproject import depth_and_height
 from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
@@ -138,8 +139,10 @@ def _depth_image(
     if capture.depth is None or capture.intrinsics is None:
         return None
     depth_m, height_m = np.zeros((2, capture.depth.size), dtype=np.float32)
-    depth_m[view.pixels] = view.points[:, 2]  # the robot's own arm is left out
-    height_m[view.pixels] = placement.heights(view.points)
+    plane = np.append(placement.plane.normal, placement.plane.offset_m)
+    depth_and_height(view.points, view.pixels, plane, depth_m, height_m)  # the arm is left out
+    if len(placement.supports.planes) > 1:
+        height_m[view.pixels] = placement.heights(view.points)
     shape, focal_px = capture.depth.shape, float(capture.intrinsics[0, 0])
     images = depth_m.reshape(shape), focal_px, height_m.reshape(shape)
     return DepthImage(*images, shown.pixels, shown.rows)

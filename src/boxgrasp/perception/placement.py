@@ -61,8 +61,6 @@ class Placement:
         Returns:
             (N,) float32, m.
         """
-        if len(self.supports.planes) == 1:
-            return self.plane.heights(points)
         return self.supports.heights(transform(invert(self.T_source_table), points))
 
     def over_seen(self, points: Points, above: Points) -> NDArray[np.bool_]:

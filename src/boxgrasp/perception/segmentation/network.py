@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError, SceneError
+from boxgrasp.kernels._threads import MOST_THREADS
 from boxgrasp.kernels.flood import flood, nearest_labels
 from boxgrasp.kernels.mutex import mutex_watershed
 from boxgrasp.kernels.nearest import nearest
@@ -127,7 +128,7 @@ def read_network(data: bytes) -> Network:
         focal_px, cell_px = float(record["focal_px"]), int(record["cell_px"])
     except (ValueError, KeyError, TypeError):
         raise ModelError("the record is not of a segmentation network") from None
-    network = Network(focal_px, cell_px, offsets, open_session(data, _OPERATORS))
+    network = Network(focal_px, cell_px, offsets, open_session(data, _OPERATORS, MOST_THREADS))
     side = _MULTIPLE_PX * cell_px
     try:
         shape = network.probabilities(np.zeros((7, side, side), dtype=np.float32)).shape
