@@ -18,6 +18,7 @@ LEAST = {
     "captures": ["--only", "6dofgn_cheezit"],
     "cast_scenes": ["--solvable", "1", "--hopeless", "0", "--between", "0", "--processes", "1"],
     "labelled_captures": ["--most", "2", "--scenes"],
+    "ugly_scenes": ["--scenes", "2"],
     "local_map": ["--rounds", "1"],
     "process_start": ["--rounds", "1", "--warm"],
     "raycast": ["--repeats", "2"],
@@ -122,6 +123,11 @@ def test_labels_count_pixels_with_depth_alone() -> None:
     item = judged(TRUTH, numbers((1, np.s_[0:10]), (2, np.s_[20:40])), measured)
     assert item.iou == (1.0, 1.0) and item.good == pytest.approx(2 / 3)
     assert item.precision == 1.0 and item.recall == pytest.approx(1200 / 1280)
+
+
+def test_ugly_scenes_judges_two() -> None:
+    out = printed("ugly_scenes")
+    assert out.count("at IoU 0.75") == 3 and "2 ugly tables" in out
 
 
 def test_cast_scenes_judges_one_scene() -> None:
