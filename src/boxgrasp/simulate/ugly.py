@@ -87,12 +87,14 @@ class _Placed:
     yaw: float
 
 
-def draw_view(rng: Rng, shape: tuple[int, int]) -> View:
+def draw_view(rng: Rng, shape: tuple[int, int], focal_px: float | None = None) -> View:
     """Cast a random table from a random camera.
 
     Args:
         rng: draws all of it.
-        shape: height and width of the image, px; it is a part of a whole camera's.
+        shape: height and width of the image, px.
+        focal_px: of a whole camera's image; None for a part of one, so that what is looked at is
+            sampled every 1.3 to 6.2 mm.
 
     Returns:
         The view.
@@ -113,9 +115,12 @@ def draw_view(rng: Rng, shape: tuple[int, int]) -> View:
     _round_about(table, half, azimuth, rng)
     if rng.random() < 0.15:
         _hand(table, eye, gaze, rng)
-    focal_px = float(np.clip(range_m / spacing_m, 180.0, 1200.0))
     away = rng.uniform(-0.3, 0.3, 2) * shape[::-1]
     center = (shape[1] / 2 + away[0], shape[0] / 2 + away[1])
+    if focal_px is not None:
+        center = ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    else:
+        focal_px = float(np.clip(range_m / spacing_m, 180.0, 1200.0))
     solids = SolidsSeen.of(
         np.array(table.kinds, dtype=np.int32), np.array(table.poses), np.array(table.sizes), T
     )
