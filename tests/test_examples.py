@@ -168,7 +168,7 @@ def test_commands_print_what_the_docs_say(
             (tmp_path / into).write_text(out, "utf-8")
         printed = "" if into else out + err
         assert status == (2 if "gone.npz" in words else 0), command
-        for numeric in (r"[0-9a-f]{16}", r"-?\d+\.\d+", r"\b\d{3,}\b", r" +"):
+        for numeric in (r"-?\d+\.\d+", r"[0-9a-f]{16}", r"\b\d{3,}\b", r" +"):
             printed, shown = (re.sub(numeric, " ", text) for text in (printed, shown))
         pattern = re.escape(shown.strip()).replace(re.escape("..."), ".*")
         assert re.fullmatch(pattern, printed.strip(), re.S), f"{command}\n{printed}"
