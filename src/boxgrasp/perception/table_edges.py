@@ -16,7 +16,7 @@ _TALL_SHARE = 0.05  # of its points may lie higher
 _OFF_M = (0.03, 0.06, 0.09)  # beside a point at the edge there is no table, nor farther out
 _DIRECTIONS = 16
 _THROUGH_M = 0.03  # behind the plane, from which the camera is seen to look past the table
-_EDGE_SHARE = 0.5  # of its points that lie at the edge
+_EDGE_SHARE = 0.5  # of its points that lie at the edge at least
 _SPECK = 64  # voxels, 6 cm2: fewer are a speck where they are also
 _SPECK_WIDE_M = 0.020  # no wider than this: veils left over, noise at outlines
 
@@ -55,7 +55,7 @@ def _width_m(points: Points) -> float:
 
 
 def _at_edge(capture: Capture, T_source_table: Floats, points: Points) -> bool:
-    """Whether the table ends beside most points: the camera looks past it there.
+    """Whether the table ends beside half of the points: the camera looks past it there.
 
     Where depth is missing the table may go on, so that on the way out it must be looked past at
     least once, and never be seen.
@@ -69,7 +69,7 @@ def _at_edge(capture: Capture, T_source_table: Floats, points: Points) -> bool:
     on_table[..., :2] = points[:, None, None, :2] + off  # points, distances, directions
     through, missing = _seen(capture.depth, capture.intrinsics, transform(T_source_table, on_table))
     ends = (through | missing).all(axis=1) & through.any(axis=1)
-    return bool(np.count_nonzero(np.any(ends, axis=1)) > _EDGE_SHARE * len(points))
+    return bool(np.count_nonzero(np.any(ends, axis=1)) >= _EDGE_SHARE * len(points))
 
 
 def _seen(
