@@ -89,8 +89,8 @@ class SensorModel:
 # Noise: Nguyen, Izadi and Lovell, 3DIMPVT 2012: 1.2 mm + 1.9 mm (z - 0.4 m)^2. Baseline:
 # Khoshelham and Oude Elberink, Sensors 12, 2012 (Kinect; the Xtion has the same sensor).
 XTION: Final = SensorModel()
-# Of the two sensors below the form is their sources'; the coefficients have not been checked against
-# recordings of such cameras.
+# Of the two sensors below the form is their sources'; the coefficients have not been checked
+# against recordings of such cameras.
 # Noise z^2 subpixel / (focal length x baseline), with subpixel 0.08, focal length 640 px (1280
 # pixels over 90 degrees) and baseline 50 mm, a D435's: Intel, Tuning depth cameras for best
 # performance, revision 2.0.
