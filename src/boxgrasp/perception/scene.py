@@ -20,6 +20,7 @@ from boxgrasp.perception.supports import Supports
 from boxgrasp.perception.view import View, rows_of, scan_views
 from boxgrasp.sensing.capture import Capture, Pixels
 from boxgrasp.sensing.sensor_model import SensorModel
+from boxgrasp.sensing.validation import Bools
 
 TABLE, MISSING = -1, -2  # what a pixel shows where it shows no point of the scene
 
@@ -81,7 +82,7 @@ class Scene:
     points: Points
     object_numbers: NDArray[np.int64]
     clusters: Clusters
-    floor_mask: NDArray[np.bool_]
+    floor_mask: Bools
     objects: tuple[SceneObject, ...]
     plane: Plane
     supports: Supports
