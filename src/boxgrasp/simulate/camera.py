@@ -121,7 +121,7 @@ def cast(
     kinds = np.array([_kind(p) for p in primitives], dtype=np.int32)
     halves = np.ascontiguousarray([p.half_size for p in primitives])
     rays = SolidsSeen.of(kinds, np.array([p.T_base_solid for p in primitives]), halves, T)
-    rectangles = rays.rectangles(focal, shape)
+    solids, rectangles = rays.arrays, rays.rectangles(focal, shape)
     colors = np.array([*(p.color for p in primitives), SKY], dtype=np.uint8)
     numbers = np.array([*(p.object_id for p in primitives), -1], dtype=np.int32)
     exact, index = np.empty(shape), np.empty(shape, dtype=np.int32)
@@ -129,9 +129,9 @@ def cast(
     rgb = np.empty((*shape, 3), dtype=np.uint8)
 
     def rows(start: int, stop: int) -> None:
-        raycast(*rays.arrays, rectangles, focal, start, stop, exact, index)
+        raycast(*solids, rectangles, focal, start, stop, exact, index)
         paint(
-            *rays.arrays, colors, numbers, _LIGHT, shading, focal, start, stop,
+            *solids, colors, numbers, _LIGHT, shading, focal, start, stop,
             exact, index, depth, rgb, object_ids,
         )  # fmt: skip
 

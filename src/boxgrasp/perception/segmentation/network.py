@@ -237,8 +237,8 @@ def thing_image(network: Network, image: DepthImage) -> ThingImage:
         Things, numbered with gaps.
     """
     middle_m = float(np.median(image.depth_m.reshape(-1)[image.pixels]))
-    step, cell = _step(network, image, middle_m), network.cell_px
-    cells = _window(_shown_cells(image, step * cell))
+    cell = network.cell_px
+    step, cells = _step_and_window(network, image, middle_m)
     pixels = tuple(slice(of.start * cell, of.stop * cell) for of in cells)
     depth, height = (of[::step, ::step][pixels] for of in (image.depth_m, image.height_m))
     inputs = network_inputs(depth, height, image.focal_px / step, middle_m)
@@ -295,8 +295,10 @@ def _window(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
     return rows, columns
 
 
-def _step(network: Network, image: DepthImage, middle_m: float) -> int:
-    """Every so many-th pixel is looked at: as fine on things as in training, within bounds.
+def _step_and_window(
+    network: Network, image: DepthImage, middle_m: float
+) -> tuple[int, tuple[slice, slice]]:
+    """Every so many-th pixel is looked at, in so many cells: as fine as in training, within bounds.
 
     An image of about the network's focal length, a finer one where things are far; a coarser one
     where they are all over a large image, so that the time is bounded.
@@ -306,7 +308,7 @@ def _step(network: Network, image: DepthImage, middle_m: float) -> int:
     while True:
         window = _window(_shown_cells(image, step * network.cell_px))
         if np.prod([side.stop - side.start for side in window]) <= _MOST_CELLS:
-            return step
+            return step, window
         step += 1
 
 
