@@ -43,6 +43,14 @@ def round_hit(kind: int, size: Array, origin: Array, direction: Array) -> float:
                 open_half = kind == BOWL and origin[2] + t * direction[2] > 0.0
                 if 0.0 < t < best and not open_half:
                     best = t
+        if kind == BOWL and direction[2] != 0.0:  # the rim between the shells
+            t = -origin[2] / direction[2]
+            outer = inner = 0.0
+            for k in range(2):
+                at = origin[k] + t * direction[k]
+                outer, inner = outer + (at / size[k]) ** 2, inner + (at / (size[k] - WALL_M)) ** 2
+            if 0.0 < t < best and outer <= 1.0 <= inner:
+                best = t
         return best
     lower, upper, h = size[0], size[1], size[2]
     grows = (upper - lower) / (2.0 * h)
