@@ -95,3 +95,47 @@ def test_a_table_with_an_edge_alone_holds_nothing() -> None:
     depth = cast(solids, intrinsics_matrix(), T).depth
     with pytest.raises(SceneError):
         find_scene(Capture(depth, intrinsics_matrix(), T), (), SceneConfig())
+
+
+# Behind the far edge at x = 1.15 m: a screen, a chair's back, and a post beside the table.
+BEHIND = {
+    "screen": block((1.25, 1.29), (-0.15, 0.15), (-0.3, 0.25)),
+    "chair": block((1.25, 1.28), (0.05, 0.20), (0.04, 0.20)),
+    "beside": block((0.85, 0.90), (0.42, 0.47), (-0.7, 0.15)),
+}
+
+
+@pytest.mark.parametrize("segmentation", SEGMENTATIONS)
+@pytest.mark.parametrize("place", BEHIND)
+def test_what_stands_behind_the_table_is_no_object(place: str, segmentation: str) -> None:
+    found = scene_with(BEHIND[place], segmentation=segmentation)
+    assert [has_object_at(found, 0.78, 0.0), len(found.objects)] == [True, 1]
+    assert (found.points[found.object_numbers == 0, 2] > 0.1).any()  # it stays an obstacle
+
+
+@pytest.mark.parametrize("segmentation", SEGMENTATIONS)
+def test_what_stands_on_the_table_behind_a_taller_thing_is_one(segmentation: str) -> None:
+    """The tall one hides the foot of the other, and the table behind."""
+    tall = block((0.9, 0.95), (-0.22, 0.0), (0.0, 0.15))
+    hidden = block((1.02, 1.09), (-0.2, -0.1), (0.0, 0.22))
+    found = scene_with(tall, hidden, segmentation=segmentation)
+    assert len(found.objects) == 3 and has_object_at(found, 1.06, -0.15)
+
+
+@pytest.mark.parametrize("segmentation", SEGMENTATIONS)
+def test_a_thing_whose_foot_has_no_depth_is_one(segmentation: str) -> None:
+    """On black cloth nothing is measured, but the table was seen round it."""
+    solids = [Plane(-0.7), block(TABLE[:2], TABLE[2:], (-0.03, 0.0)), CAN]
+    T = look_at((0.05, 0.0, 0.65), (0.85, 0.0, 0.0))
+    view = cast(solids, intrinsics_matrix(), T)
+    depth = view.depth.copy()
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    x = (u - intrinsics_matrix()[0, 2]) / intrinsics_matrix()[0, 0] * depth
+    y = (v - intrinsics_matrix()[1, 2]) / intrinsics_matrix()[1, 1] * depth
+    base = np.stack((x, y, depth), -1) @ T[:3, :3].T + T[:3, 3]
+    cloth = (np.abs(base[..., 2]) < 0.002) & (np.abs(base[..., :2] - (0.78, 0.0)).max(-1) < 0.09)
+    depth[cloth] = 0
+    found = find_scene(
+        Capture(depth, intrinsics_matrix(), T), (), SceneConfig(segmentation=segmentation)
+    )
+    assert len(found.objects) == 1 and has_object_at(found, 0.78, 0.0)

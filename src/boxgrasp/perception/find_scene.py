@@ -12,6 +12,7 @@ from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.backproject import depth_and_height
+from boxgrasp.perception.carried import are_carried
 from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
@@ -101,12 +102,15 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
 def _over_table(
     capture: Capture, points: Points, placement: Placement, found: FoundPoints
 ) -> NDArray[np.bool_]:
-    """(C,) which clusters stand over a surface that was seen, and are no strips of its edge."""
-    clusters = found.segments.clusters
-    over = placement.over_seen(points, cluster_middles(found.points, clusters))
-    strips = are_no_things(capture, placement.T_source_table, found.points, clusters)
+    """(C,) which clusters a surface that was seen may carry, and are no strips of its edge."""
+    clusters, T_source_table = found.segments.clusters, placement.T_source_table
+    middles = cluster_middles(found.points, clusters)
+    over = placement.over_seen(points, middles)
+    strips = are_no_things(capture, T_source_table, found.points, clusters)
+    carried = are_carried(capture, T_source_table, points, found.points, clusters)
+    carried |= placement.supports.owners(middles) > 0
     objects = found.segments.objects[: len(over)]  # the last ones may have lost all their points
-    return np.asarray(over & objects & ~strips)
+    return np.asarray(over & objects & carried & ~strips)
 
 
 def _points_over(
