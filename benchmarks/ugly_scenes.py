@@ -40,7 +40,7 @@ def main(argv: list[str] | None = None) -> None:
     rng, drawn = np.random.default_rng(args.seed), 0
     while drawn < args.scenes:
         view = draw_view(rng, (480, 640), FOCAL_PX)
-        depth, _ = sensed(view.depth_m, view.focal_px, rng)
+        depth, _ = sensed(view.depth_m, view.things, view.focal_px, rng)
         shown = np.bincount(view.things[(view.things > 0) & (depth > 0)], minlength=1)
         if shown.max() < LEAST_PX:
             continue

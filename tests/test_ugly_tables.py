@@ -96,8 +96,8 @@ def test_the_same_seed_gives_the_same_view_and_measurement() -> None:
         first, second = draw_view(one, SHAPE), draw_view(two, SHAPE)
         np.testing.assert_array_equal(first.depth_m, second.depth_m)
         for a, b in zip(
-            sensed(first.depth_m, first.focal_px, one),
-            sensed(second.depth_m, second.focal_px, two),
+            sensed(first.depth_m, first.things, first.focal_px, one),
+            sensed(second.depth_m, second.things, second.focal_px, two),
             strict=True,
         ):
             np.testing.assert_array_equal(a, b)
@@ -110,7 +110,9 @@ def test_sensors_leave_most_of_a_surface_and_lose_some_of_an_outline() -> None:
     inner[50:90, 70:110] = True
     lost, off = [], []
     for seed in range(60):
-        found, edge = sensed(depth, 500.0, np.random.default_rng(seed))
+        found, edge = sensed(
+            depth, np.zeros(SHAPE, dtype=np.int32), 500.0, np.random.default_rng(seed)
+        )
         assert found.dtype == np.float32 and (found >= 0).all()
         assert edge[40, 60:120].all() and not edge[inner].any()
         seen = inner & (found > 0)

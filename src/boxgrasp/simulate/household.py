@@ -77,6 +77,19 @@ class Thing:
         on_side = len(poses) == 1 and self.kinds[0] == BOX and abs(rotation[2, 2]) < 1e-9
         return Thing(self.kinds, poses, self.sizes, 2 * poses[0, 2, 3] if on_side else 0.0)
 
+    def scaled(self, factor: float) -> Thing:
+        """The thing, larger or smaller.
+
+        Args:
+            factor: of all its lengths.
+
+        Returns:
+            The thing.
+        """
+        poses = self.T_thing_solid.copy()
+        poses[:, :3, 3] *= factor
+        return Thing(self.kinds, poses, self.sizes * factor, self.top_m * factor, self.hollow)
+
     @cached_property
     def lattice(self) -> Floats:
         """(N, 3) float64 points that fill the thing, its corners among them, its frame, m."""
@@ -121,10 +134,7 @@ def draw_small(rng: Rng) -> Thing:
     thing = draw(rng)
     if draw is _thin:
         return thing.turned(about_x(np.pi / 2 + rng.uniform(-0.4, 0.4)))
-    shrunk = rng.uniform(0.4, 0.7)
-    poses = thing.T_thing_solid.copy()
-    poses[:, :3, 3] *= shrunk
-    return Thing(thing.kinds, poses, thing.sizes * shrunk)
+    return thing.scaled(rng.uniform(0.4, 0.7))
 
 
 def _at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn: Floats | None = None) -> Floats:
@@ -146,6 +156,19 @@ def about_x(angle_rad: float) -> Floats:
     """
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def about_y(angle_rad: float) -> Floats:
+    """A turn about y.
+
+    Args:
+        angle_rad: right-handed.
+
+    Returns:
+        (3, 3) rotation.
+    """
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _box(rng: Rng) -> Thing:
@@ -211,13 +234,16 @@ def _can(rng: Rng) -> Thing:
 def _bottle(rng: Rng) -> Thing:
     radius, body = rng.uniform(0.02, 0.05), rng.uniform(0.04, 0.10)
     neck, shoulder, top = radius * rng.uniform(0.25, 0.6), *rng.uniform(0.008, 0.03, 2)
-    return Thing.of(
-        [
-            (CYLINDER, _at(z=body), _size(radius, radius, body)),
-            (CONE, _at(z=2 * body + shoulder), _size(radius, neck, shoulder)),
-            (CYLINDER, _at(z=2 * (body + shoulder) + top), _size(neck, neck, top)),
-        ]
-    )
+    if rng.random() < 0.3:  # of bleach, of oil: long shoulders beside which a handle comes down
+        shoulder *= 2
+    solids: list[Solid] = [
+        (CYLINDER, _at(z=body), _size(radius, radius, body)),
+        (CONE, _at(z=2 * body + shoulder), _size(radius, neck, shoulder)),
+        (CYLINDER, _at(z=2 * (body + shoulder) + top), _size(neck, neck, top)),
+    ]
+    if rng.random() < 0.25:
+        solids += _handle(radius * rng.uniform(0.6, 1.0), 2 * (body + shoulder), rng)
+    return Thing.of(solids)
 
 
 def _handle(radius: float, height: float, rng: Rng) -> list[Solid]:
@@ -297,6 +323,53 @@ def _tool(rng: Rng) -> Thing:
     return Thing.of(solids)
 
 
+def _drill(rng: Rng) -> Thing:
+    """A cordless drill on its battery: motor and chuck, a slim handle under them, a broad foot."""
+    grown = rng.uniform(0.75, 1.2)
+    motor, radius = grown * rng.uniform(0.05, 0.09), grown * rng.uniform(0.022, 0.034)
+    foot = grown * rng.uniform((0.03, 0.02, 0.010), (0.06, 0.035, 0.03))
+    grip = grown * rng.uniform((0.012, 0.012, 0.035), (0.022, 0.018, 0.06))
+    chuck = grown * rng.uniform(0.02, 0.045)
+    lean, back = float(rng.uniform(-0.25, 0.25)), rng.uniform(-0.5, 0.3) * motor
+    up = 2 * (foot[2] + grip[2])
+    level = about_y(np.pi / 2)
+    nose = back + motor + chuck
+    at = _at(z=2 * foot[2] + grip[2], turn=about_y(lean))
+    solids: list[Solid] = [
+        (BOX, _at(x=rng.uniform(-0.3, 0.5) * foot[0], z=foot[2]), foot),
+        (BOX, at, grip * (1.0, 1.0, 1.15)),
+        (CONE, _at(x=nose, z=up + radius, turn=level), _size(0.8 * radius, 0.4 * radius, chuck)),
+    ]
+    if rng.random() < 0.5:
+        solids.append(
+            (CYLINDER, _at(x=back, z=up + radius, turn=level), _size(radius, radius, motor))
+        )
+    else:
+        solids.append((BOX, _at(x=back, z=up + radius), _size(motor, radius, radius)))
+    thing = Thing.of(solids)
+    if rng.random() < 0.5:  # on its side
+        return thing.turned(about_x(np.pi / 2 + float(rng.normal(0.0, 0.1))))
+    return thing
+
+
+def _tub(rng: Rng) -> Thing:
+    """A lunch box, a tin, a tub: a body under a wider lid."""
+    half = rng.uniform((0.03, 0.03, 0.012), (0.10, 0.08, 0.06))
+    lid, over = rng.uniform(0.002, 0.012), rng.uniform(0.0, 0.006)
+    if rng.random() < 0.3:
+        radius = half[0]
+        solids: list[Solid] = [
+            (CONE, _at(z=half[2]), _size(radius * rng.uniform(0.75, 1.0), radius, half[2])),
+            (CYLINDER, _at(z=2 * half[2] + lid), _size(radius + over, radius + over, lid)),
+        ]
+    else:
+        solids = [
+            (BOX, _at(z=half[2]), half),
+            (BOX, _at(z=2 * half[2] + lid), _size(half[0] + over, half[1] + over, lid)),
+        ]
+    return Thing.of(solids, 2 * (half[2] + lid))
+
+
 def _crate(rng: Rng) -> Thing:
     """An open box: a tray, a basket, a drawer."""
     x, y, z = rng.uniform((0.05, 0.05, 0.012), (0.12, 0.16, 0.06))
@@ -353,7 +426,9 @@ _KINDS: tuple[tuple[Callable[[Rng], Thing], float], ...] = (
     (_bowl, 2.2),
     (_fruit, 0.8),
     (_bag, 0.6),
-    (_tool, 2.2),
+    (_tool, 2.0),
+    (_drill, 1.2),
+    (_tub, 1.0),
     (_crate, 0.4),
     (_mill, 0.8),
     (_of_the_study, 3.0),

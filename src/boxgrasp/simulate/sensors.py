@@ -20,11 +20,14 @@ _SEEN_M = 4.0  # farther things have no depth
 _SHADOW_PX = 14  # widest
 
 
-def sensed(depth_m: Image, focal_px: float, rng: Rng) -> tuple[Image, NDArray[np.bool_]]:
+def sensed(
+    depth_m: Image, things: NDArray[np.int32], focal_px: float, rng: Rng
+) -> tuple[Image, NDArray[np.bool_]]:
     """A view as a random camera of a random kind measures it.
 
     Args:
         depth_m: (H, W) float32, exact, 0 where nothing is, m.
+        things: (H, W) int32, what each pixel shows: some things are dark, or shine.
         focal_px: px.
         rng: draws kind and strength of every fault.
 
@@ -50,7 +53,7 @@ def sensed(depth_m: Image, focal_px: float, rng: Rng) -> tuple[Image, NDArray[np
         steps = np.float32(rng.uniform(250, 900))  # a metre's share of disparity, halved and so on
         inverse = np.rint(steps / np.maximum(depth, np.float32(0.1)))
         depth = np.asarray(steps / np.maximum(inverse, 1), dtype=np.float32)
-    missing = (exact <= 0) | _holes(depth.shape, edge, rng)
+    missing = (exact <= 0) | _holes(depth.shape, edge, rng) | _dark(things, rng)
     if kind != "flight":
         missing |= _shadow(exact, focal_px, rng)
     depth = np.where(missing, np.float32(0), depth).astype(np.float32)
@@ -135,6 +138,18 @@ def _holes(shape: tuple[int, ...], edge: NDArray[np.bool_], rng: Rng) -> NDArray
     lost |= rng.random(shape, dtype=np.float32) < rng.uniform(0, 0.008)
     if rng.random() < 0.4:
         lost |= _smooth(shape, rng.uniform(5, 14), rng) > rng.uniform(1.6, 2.6)
+    return lost
+
+
+def _dark(things: NDArray[np.int32], rng: Rng) -> NDArray[np.bool_]:
+    """Large parts of a dark, clear or shining thing."""
+    lost = np.zeros(things.shape, dtype=np.bool_)
+    shown = np.unique(things[things > 0])
+    if len(shown) == 0 or rng.random() > 0.3:
+        return lost
+    for thing in rng.choice(shown, min(len(shown), int(rng.integers(1, 3))), replace=False):
+        patches = _smooth(things.shape, rng.uniform(8, 30), rng) > rng.uniform(-0.3, 1.2)
+        lost |= patches & (things == thing)
     return lost
 
 

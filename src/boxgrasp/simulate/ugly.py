@@ -24,6 +24,7 @@ _SIDE_M = 2.4  # of that map
 _TRIES = 8
 _MOST_OVERLAP = 0.02  # of a thing's cells, from which it would stand in another
 _HELD = 0.08  # of the things, tried to be put into a hollow one
+_LEAST_SCALE = 0.5  # of a thing that is made as wide as what it stands on
 _SLIDE_M = 0.006  # steps in which a thing comes near another
 
 
@@ -172,12 +173,11 @@ def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
     placed: list[_Placed] = []
     for number in range(1, int(rng.integers(2, 18))):
         thing = spun(draw_thing(rng), rng)
-        reach = float(np.abs(thing.lattice[:, :2]).max())
         found = None
         if placed and rng.random() < _HELD:
             thing, found = _held(thing, placed, rng)
         elif placed and rng.random() < stacking:
-            found = _stacked(thing, reach, placed, rng)
+            thing, found = _stacked(thing, placed, rng)
         elif placed and rng.random() < touching:
             thing, found = _touching(table, thing, placed, rng)
         for _ in range(_TRIES):
@@ -191,6 +191,7 @@ def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
         if found[2] == 0:
             table.taken[table.cells(thing.lattice + found)] = True
         yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
+        reach = float(np.abs(thing.lattice[:, :2]).max())
         placed.append(_Placed(thing, found, reach, yaw))
     if rng.random() < 0.15:
         _wire(table, middle, rng)
@@ -207,15 +208,30 @@ def _held(thing: Thing, placed: list[_Placed], rng: Rng) -> tuple[Thing, Floats 
     return draw_small(rng), around.place + (off[0], off[1], 0.004)
 
 
-def _stacked(thing: Thing, reach: float, placed: list[_Placed], rng: Rng) -> Floats | None:
-    """A place on another thing's flat top."""
-    under = placed[int(rng.integers(len(placed)))]
-    if under.thing.top_m == 0.0 or reach > 1.8 * under.reach_m:
-        return None
-    if any(abs(p.place[2] - under.place[2] - under.thing.top_m) < 1e-9 for p in placed):
-        return None  # at that height stands another already
-    off = rng.uniform(-0.4, 0.4, 2) * under.reach_m
-    return under.place + (off[0], off[1], under.thing.top_m)
+def _stacked(thing: Thing, placed: list[_Placed], rng: Rng) -> tuple[Thing, Floats | None]:
+    """The thing, now and then as wide as what it stands on, and a place on another's flat top."""
+    tops = [item for item in placed if item.thing.top_m > 0 and not _carries(item, placed)]
+    if not tops:
+        return thing, None
+    under = tops[int(rng.integers(len(tops)))]
+    reach, spread = float(np.abs(thing.lattice[:, :2]).max()), 0.4
+    if rng.random() < 0.5:  # of one width and one over the other, so that no outline parts them
+        spread = 0.12
+        factor = under.reach_m * rng.uniform(0.75, 1.1) / reach
+        if _LEAST_SCALE <= factor <= 1 / _LEAST_SCALE:
+            thing, reach = thing.scaled(factor), reach * factor
+        if rng.random() < 0.5:
+            yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
+            thing = thing.turned(rotation_z(under.yaw - yaw + float(rng.normal(0.0, 0.1))))
+    if reach > 1.8 * under.reach_m:
+        return thing, None
+    off = rng.uniform(-spread, spread, 2) * under.reach_m
+    return thing, under.place + (off[0], off[1], under.thing.top_m)
+
+
+def _carries(under: _Placed, placed: list[_Placed]) -> bool:
+    """Whether something stands on a thing, or as high as on it."""
+    return any(abs(p.place[2] - under.place[2] - under.thing.top_m) < 1e-9 for p in placed)
 
 
 def _touching(
@@ -269,11 +285,23 @@ def _round_about(table: _Table, half: Floats, azimuth: float, rng: Rng) -> None:
             table.add(
                 BOX, _at(post[0], post[1], tall - 0.3, yaw), np.array([0.02, 0.02, 0.35]), NO_THING
             )
+    if rng.random() < 0.3:
+        _clutter(table, away, float(np.hypot(*half)), rng)
     if rng.random() < 0.15:  # a screen or a rack on the table itself, at its far end
         at = away * (float(half.min()) - rng.uniform(0.03, 0.1))
         tall = rng.uniform(0.1, 0.3)
         size = np.array([rng.uniform(0.01, 0.08), rng.uniform(0.15, 0.4), tall])
         table.add(BOX, _at(at[0], at[1], tall, yaw), size, NO_THING)
+
+
+def _clutter(table: _Table, away: Floats, beyond_m: float, rng: Rng) -> None:
+    """What stands on the floor or on other furniture behind the table: nothing on it is asked."""
+    side = np.array([-away[1], away[0]])
+    for _ in range(int(rng.integers(1, 7))):
+        thing = spun(draw_thing(rng), rng).scaled(rng.uniform(1.0, 4.0))
+        reach = float(np.hypot(*np.abs(thing.lattice[:, :2]).max(axis=0)))
+        at = away * (beyond_m + reach + rng.uniform(0.0, 0.8)) + side * rng.uniform(-0.8, 0.8)
+        table.put(thing, _at(at[0], at[1], rng.uniform(-0.6, 0.3)), NO_THING)
 
 
 def _hand(table: _Table, eye: Floats, gaze: Floats, rng: Rng) -> None:

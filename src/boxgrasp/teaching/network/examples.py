@@ -66,7 +66,7 @@ def draw_batch(task: BatchTask) -> Batch:
 
 def _example(rng: Rng) -> tuple[NDArray[np.float16], NDArray[np.int16], NDArray[np.bool_]]:
     view = draw_view(rng, SHAPE)
-    depth, edge = sensed(view.depth_m, view.focal_px, rng)
+    depth, edge = sensed(view.depth_m, view.things, view.focal_px, rng)
     height = _heights(depth, view, rng)
     shown = depth[(view.things > 0) & (depth > 0)]
     middle = float(np.median(shown if len(shown) else depth)) + rng.normal(0.0, _MIDDLE_M)
