@@ -244,6 +244,46 @@ def hole_rim(shown: NDArray[np.int64], v: int, u: int, hole: int) -> NDArray[np.
     return rim[:found]
 
 
+@jit
+def most_round(owner: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+    """What lies round each free cell: the owner that is met first in most of eight directions.
+
+    Args:
+        owner: (rows, columns) int64 whose each cell is, -1 for a free one.
+
+    Returns:
+        (rows, columns) int64 that owner, -1 where none is met and in cells that are not free; and
+        (rows, columns) int8 in how many directions it is.
+    """
+    rows, columns = owner.shape
+    met = np.full((rows + 2, columns + 2, 8), -1, dtype=np.int64)  # with a free rim
+    for way in range(8):
+        turned = way >= 4
+        dv, du = ((0, -1), (-1, -1), (-1, 0), (-1, 1))[way % 4]
+        for i in range(rows):
+            v = rows - i if turned else i + 1
+            for j in range(columns):
+                u = columns - j if turned else j + 1
+                own = owner[v - 1, u - 1]
+                if turned:
+                    met[v, u, way] = own if own >= 0 else met[v - dv, u - du, way]
+                else:
+                    met[v, u, way] = own if own >= 0 else met[v + dv, u + du, way]
+    most = np.full((rows, columns), -1, dtype=np.int64)
+    hits = np.zeros((rows, columns), dtype=np.int8)
+    for v in range(rows):
+        for u in range(columns):
+            if owner[v, u] >= 0:
+                continue
+            for way in range(8):
+                found, count = met[v + 1, u + 1, way], 0
+                for other in range(8):
+                    count += found >= 0 and met[v + 1, u + 1, other] == found
+                if count > hits[v, u]:
+                    most[v, u], hits[v, u] = found, count
+    return most, hits
+
+
 def dilated(inside: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
     """Cells within some rings of inside ones, over eight neighbors.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
-from boxgrasp.kernels.table_cells import dilated, regions
+from boxgrasp.kernels.table_cells import dilated, most_round, regions
 from boxgrasp.perception.segmentation.protocol import Segments
 from boxgrasp.perception.table_level import LevelPoints, TableLevel
 
@@ -28,6 +28,14 @@ _WITHIN_SHARE = 0.7  # of a region's points, from which it lies within an outlin
 _WITHIN_M = 0.004  # m past an outline: a voxel's centroid lies so far inside its edge
 _LOWEST_M = -0.003  # m, a floor's middle height: a table's waves reach so far down, no floor does
 _DIRECTIONS = 24  # half planes that an outline is cut from
+_WAYS = np.array(
+    [np.cos(np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)),
+     np.sin(np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS))], dtype=np.float32,
+)  # fmt: skip
+_SIDES = 6  # of 8 on which a floor has its thing, where the near rim is too low to be told
+_ROUND = (
+    0.92  # of a circle's area: a square has 0.79, a drill on its side 0.88, bowls 0.94 and more
+)
 _MOST_OUTLINE = 2000  # points tell an outline as well as all
 _MOST = 64  # regions looked at, the largest ones
 
@@ -61,12 +69,15 @@ def hollow_things(level: TableLevel, centroids: Points, segments: Segments) -> H
     for inside, places, heights in _enclosed(level):
         ring = _ring(level.owner, inside)
         thing = pieces.round_floor(ring, int(np.count_nonzero(inside)))
-        if thing is None or float(np.median(heights)) < _LOWEST_M:
-            continue
-        within = _within(places, pieces.points(thing)[:, :2])
-        if np.count_nonzero(within) >= _WITHIN_SHARE * len(within):
+        if thing is not None and _is_floor(places, heights, pieces.points(thing)):
             whose[inside] = thing
             pieces.join(ring, thing)
+    for inside, places, heights, segment in _half_enclosed(level, whose):
+        thing = int(pieces.owner_of[segment])
+        points = pieces.points(thing)
+        if _is_round(points[:, :2]) and _is_floor(places, heights, points):
+            pieces.join(_ring(level.owner, inside), thing)
+            whose[_level_within(level, points[:, :2])] = thing
     whose = pieces.owner_of[whose]
     # Its rim and its floor share cells, and noise lifts some of the floor's pixels off the table.
     wanted = np.where((level.count > 0) & _amid(whose), whose, -1)
@@ -145,6 +156,34 @@ def _enclosed(level: TableLevel) -> Iterator[tuple[NDArray[np.bool_], Points, Po
     sizes = np.bincount(region[(region >= 0) & (level.count > 0)], minlength=count)
     border = np.concatenate((region[0], region[-1], region[:, 0], region[:, -1]))
     sizes[np.unique(border[border >= 0])] = 0
+    yield from _largest(level, region, sizes)
+
+
+def _half_enclosed(
+    level: TableLevel, whose: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.bool_], Points, Points, int]]:
+    """Regions at the table's level that one segment has round it but for a gap in its near rim.
+
+    As `_enclosed`, with that segment.
+    """
+    held = [np.flatnonzero((level.owner >= 0).any(axis=1 - axis)) for axis in (0, 1)]
+    if len(held[0]) == 0:
+        return
+    window = np.s_[held[0][0] : held[0][-1] + 1, held[1][0] : held[1][-1] + 1]
+    segment, sides = most_round(np.where(level.count > 0, level.owner, -1)[window])
+    amid = np.zeros(level.owner.shape, dtype=np.bool_)
+    amid[window] = sides >= _SIDES
+    region, count = regions(amid & (whose < 0), False)
+    sizes = np.bincount(region[region >= 0], minlength=count)
+    sizes[sizes < _LEAST_PIECED] = 0
+    for inside, places, heights in _largest(level, region, sizes):
+        yield inside, places, heights, int(np.bincount(segment[inside[window]]).argmax())
+
+
+def _largest(
+    level: TableLevel, region: NDArray[np.int64], sizes: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.bool_], Points, Points]]:
+    """The largest regions, with places and heights of their points."""
     largest = np.argsort(-sizes, kind="stable")[: min(_MOST, int(np.count_nonzero(sizes)))]
     if len(largest) == 0:
         return
@@ -152,6 +191,29 @@ def _enclosed(level: TableLevel) -> Iterator[tuple[NDArray[np.bool_], Points, Po
     places = level.in_table_frame(rows)[:, :2]
     for name in largest.tolist():
         yield region == name, places[names == name], heights[names == name]
+
+
+def _level_within(level: TableLevel, outline: Points) -> NDArray[np.bool_]:
+    """(rows, columns) the free cells at the table's level that lie within an outline."""
+    free = (level.owner < 0) & (level.count > 0)
+    free[free] = _within(level.in_table_frame(level.first[free])[:, :2], outline)
+    return free
+
+
+def _is_floor(places: Points, heights: Points, points: Points) -> bool:
+    """Whether most of a region lies within a thing's outline, and no lower than floors do."""
+    within = _within(places, points[:, :2])
+    deep = len(heights) > 0 and float(np.median(heights)) < _LOWEST_M
+    return not deep and bool(np.count_nonzero(within) >= _WITHIN_SHARE * len(within))
+
+
+def _is_round(outline: Points) -> bool:
+    """Whether the convex outline of places (n, 2), m, holds nearly what a circle as long does."""
+    corners = outline[np.argmax(outline @ _WAYS, axis=0)].astype(np.float64)
+    after = np.roll(corners, -1, axis=0)
+    area = abs(np.sum(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0])) / 2
+    length = np.hypot(*(after - corners).T).sum()
+    return bool(4 * np.pi * area > _ROUND * length**2)
 
 
 def _ring(owner: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -176,11 +238,13 @@ def _amid(whose: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 def _within(places: Points, outline: Points) -> NDArray[np.bool_]:
     """Whether places on the table lie within the convex outline of others, both (n, 2), m."""
-    angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
-    directions = np.stack((np.cos(angles), np.sin(angles))).astype(np.float32)
-    some = outline[:: max(1, len(outline) // _MOST_OUTLINE)]
-    farthest = (some @ directions).max(axis=0) + np.float32(_WITHIN_M)
-    return np.asarray((places @ directions <= farthest).all(axis=1))
+    return np.asarray((places @ _WAYS <= _farthest(outline) + np.float32(_WITHIN_M)).all(axis=1))
+
+
+def _farthest(outline: Points) -> Points:
+    """(24,) how far places (n, 2) reach along each direction, m."""
+    reach: Points = (outline[:: max(1, len(outline) // _MOST_OUTLINE)] @ _WAYS).max(axis=0)
+    return reach
 
 
 def _top(points: Points) -> float:

@@ -95,10 +95,9 @@ def with_low_points(
         if not np.isin(rows, floors.rows[deep]).any()
     ]
     own = ~deep & ~np.isin(floors.rows, np.concatenate(flat) if flat else ())
-    found = replace(found, segments=segments)
-    found = _with_part(found, level, floors.of(deep), config.voxel_m)
-    floor_mask = np.arange(len(found.points)) >= len(found.floor_mask)
-    found = replace(found, floor_mask=floor_mask)
+    over_table = len(found.points)
+    found = _with_part(replace(found, segments=segments), level, floors.of(deep), config.voxel_m)
+    found = replace(found, floor_mask=np.arange(len(found.points)) >= over_table)
     found = _with_part(found, level, floors.of(own), config.voxel_m)
     for rows in flat:
         owners = np.full(len(rows), len(found.segments.objects))
