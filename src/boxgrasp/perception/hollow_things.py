@@ -32,7 +32,8 @@ _WAYS = np.array(
     [np.cos(np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)),
      np.sin(np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS))], dtype=np.float32,
 )  # fmt: skip
-_SIDES = 6  # of 8 on which a floor has its thing, where the near rim is too low to be told
+_SIDES = 5  # of 8, on which a floor whose near rim is lost has its thing at least
+_MOST_SIDES = 6  # of 8, in the middle of such a floor
 _ROUND = (
     0.92  # of a circle's area: a square has 0.79, a drill on its side 0.88, bowls 0.94 and more
 )
@@ -72,12 +73,15 @@ def hollow_things(level: TableLevel, centroids: Points, segments: Segments) -> H
         if thing is not None and _is_floor(places, heights, pieces.points(thing)):
             whose[inside] = thing
             pieces.join(ring, thing)
-    for inside, places, heights, segment in _half_enclosed(level, whose):
+    met, sides = _met(level)
+    for inside, places, heights in _half_enclosed(level, (sides >= _MOST_SIDES) & (whose < 0)):
+        segment = int(np.bincount(met[inside]).argmax())
         thing = int(pieces.owner_of[segment])
         points = pieces.points(thing)
         if _is_round(points[:, :2]) and _is_floor(places, heights, points):
             pieces.join(_ring(level.owner, inside), thing)
-            whose[_level_within(level, points[:, :2])] = thing
+            amid = (met == segment) & (sides >= _SIDES) & (level.count > 0)
+            whose[_cells_within(level, amid, points[:, :2])] = thing
     whose = pieces.owner_of[whose]
     # Its rim and its floor share cells, and noise lifts some of the floor's pixels off the table.
     wanted = np.where((level.count > 0) & _amid(whose), whose, -1)
@@ -159,25 +163,25 @@ def _enclosed(level: TableLevel) -> Iterator[tuple[NDArray[np.bool_], Points, Po
     yield from _largest(level, region, sizes)
 
 
-def _half_enclosed(
-    level: TableLevel, whose: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.bool_], Points, Points, int]]:
-    """Regions at the table's level that one segment has round it but for a gap in its near rim.
-
-    As `_enclosed`, with that segment.
-    """
+def _met(level: TableLevel) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+    """The segment that each free cell has on most of 8 sides, -1 for none, and on how many."""
+    met = np.full(level.owner.shape, -1, dtype=np.int64)
+    sides = np.zeros(level.owner.shape, dtype=np.int8)
     held = [np.flatnonzero((level.owner >= 0).any(axis=1 - axis)) for axis in (0, 1)]
-    if len(held[0]) == 0:
-        return
-    window = np.s_[held[0][0] : held[0][-1] + 1, held[1][0] : held[1][-1] + 1]
-    segment, sides = most_round(np.where(level.count > 0, level.owner, -1)[window])
-    amid = np.zeros(level.owner.shape, dtype=np.bool_)
-    amid[window] = sides >= _SIDES
-    region, count = regions(amid & (whose < 0), False)
+    if len(held[0]) > 0:
+        window = np.s_[held[0][0] : held[0][-1] + 1, held[1][0] : held[1][-1] + 1]
+        met[window], sides[window] = most_round(level.owner[window])
+    return met, sides
+
+
+def _half_enclosed(
+    level: TableLevel, amid: NDArray[np.bool_]
+) -> Iterator[tuple[NDArray[np.bool_], Points, Points]]:
+    """As `_enclosed`, but for a gap in the near rim: regions of cells with a thing all round."""
+    region, count = regions(amid, False)
     sizes = np.bincount(region[region >= 0], minlength=count)
     sizes[sizes < _LEAST_PIECED] = 0
-    for inside, places, heights in _largest(level, region, sizes):
-        yield inside, places, heights, int(np.bincount(segment[inside[window]]).argmax())
+    yield from _largest(level, region, sizes)
 
 
 def _largest(
@@ -193,11 +197,13 @@ def _largest(
         yield region == name, places[names == name], heights[names == name]
 
 
-def _level_within(level: TableLevel, outline: Points) -> NDArray[np.bool_]:
-    """(rows, columns) the free cells at the table's level that lie within an outline."""
-    free = (level.owner < 0) & (level.count > 0)
-    free[free] = _within(level.in_table_frame(level.first[free])[:, :2], outline)
-    return free
+def _cells_within(
+    level: TableLevel, cells: NDArray[np.bool_], outline: Points
+) -> NDArray[np.bool_]:
+    """(rows, columns) those of some cells at the table's level that lie within an outline."""
+    within = cells.copy()
+    within[cells] = _within(level.in_table_frame(level.first[cells])[:, :2], outline)
+    return within
 
 
 def _is_floor(places: Points, heights: Points, points: Points) -> bool:
