@@ -1,7 +1,7 @@
 """Objects found on labeled real captures, one segmentation beside the other.
 
     python benchmarks/labelled_captures.py [FOLDER] [--segmentation split euclidean] [--scenes]
-                                           [--network FILE] [--pictures DIR]
+                                           [--network FILE] [--pictures DIR] [--grasps]
 
 FOLDER holds a folder a capture: `depth.png`, `intrinsics.json`, perhaps `color.jpg`, and
 `labels.png`, the truth: 0 nothing, 1 the table, 2 and up an object each. Each capture is segmented
@@ -21,6 +21,11 @@ segmentation:
 
 `--pictures DIR` draws each capture, the true objects on the left and the found ones on the right.
 
+`--grasps` asks for every object of 400 pixels and more in place of that: by one pixel, by its true
+mask, and by masks grown, shrunk and shifted by 3 pixels. Of the answerable ones (`_held.py` says
+which) is printed how many were answered; of all grasps how many are good, close on air, hold by an
+edge, touch something, or come nearer than 1.5 cm to another thing.
+
 The captures are read where they lie: in FOLDER, else in BOXGRASP_LABELED, else in ../shared/osd
 beside the repository (the learning half of OSD: Richtsfeld et al., IROS 2012). Without them there
 is nothing to do. They do not ship with the project.
@@ -34,16 +39,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import _held
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.optimize import linear_sum_assignment
 
-from boxgrasp import BoxgraspError, Capture, GraspSelector, load_capture
+from boxgrasp import BoxgraspError, Capture, GraspSelector, Target, load_capture
 from boxgrasp.perception.segmentation import SEGMENTATIONS
 
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "osd"
-FIRST_OBJECT = 2  # in labels.png; below it are nothing and the table
+FIRST_OBJECT = _held.FIRST_OBJECT  # in labels.png; below it are nothing and the table
 LEAST_PX = 400
 GOOD = 0.75
 HELD = 0.30
@@ -174,6 +180,67 @@ def measure(folders: list[Path], segmentation: str, args: argparse.Namespace) ->
     print(told(segmentation, results, milliseconds), flush=True)
 
 
+def measure_grasps(folders: list[Path], segmentation: str, args: argparse.Namespace) -> None:
+    """Ask for every object, by pixel and by masks; print a line a way of asking."""
+    scene = {"segmentation": segmentation, "network": args.network}
+    selector = GraspSelector({"scene": scene})
+    answered: dict[str, list[bool]] = {}
+    grasps: dict[str, list[_held.Judged]] = {}
+    for folder in folders:
+        capture = load_capture(folder)
+        truth = np.asarray(Image.open(folder / "labels.png")).astype(np.int64)
+        labeled = _held.Labeled.of(capture, truth)
+        for number in np.unique(truth[truth >= FIRST_OBJECT]).tolist():
+            mask = (truth == number) & depth_of(capture)
+            if np.count_nonzero(mask) < LEAST_PX:
+                continue
+            answerable = labeled.answerable(number, selector.config.gripper)
+            masks = {"mask": mask, **_held.ragged(mask)}
+            ways = {"pixel": Target(pixel=_held.middle_pixel(mask))}
+            ways |= {way: Target(mask=own) for way, own in masks.items()}
+            for way, target in ways.items():
+                found = grasp_of(selector, capture, target)
+                if answerable:
+                    answered.setdefault(way, []).append(found is not None)
+                if found is None:
+                    continue
+                judged_one = labeled.judge(number, found, selector.config.gripper)
+                grasps.setdefault(way, []).append(judged_one)
+                if args.scenes and not judged_one.good:
+                    print(f"  {folder.name:12} object {number} by {way}: {judged_one}", flush=True)
+    for way, of in answered.items():
+        print(f"{segmentation:10} by {way:8} {told_grasps(of, grasps.get(way, []))}", flush=True)
+
+
+def grasp_of(selector: GraspSelector, capture: Capture, target: Target) -> _held.Floats | None:
+    """T_camera_gripper of the answer, None for a question or a refusal."""
+    try:
+        selection = selector.select(capture, target)
+    except BoxgraspError:
+        return None
+    if selection.grasp is None:
+        return None
+    assert selection.T_base_camera is not None
+    return np.asarray(np.linalg.inv(selection.T_base_camera) @ selection.grasp.T_base_gripper)
+
+
+def told_grasps(answered: list[bool], grasps: list[_held.Judged]) -> str:
+    """One way of asking in words."""
+    count = max(len(grasps), 1)
+    kinds = {
+        "good": [item.good for item in grasps],
+        "on air": [item.on_air for item in grasps],
+        "by an edge": [item.by_an_edge for item in grasps],
+        "touching": [item.touching for item in grasps],
+        "under 1.5 cm": [item.clear_m < _held.CLEAR_M for item in grasps],
+    }
+    shares = ", ".join(f"{name} {sum(of) / count:.3f}" for name, of in kinds.items())
+    return (
+        f"answered {np.mean(answered):.3f} of {len(answered)} answerable; "
+        f"of {len(grasps)} grasps: {shares}"
+    )
+
+
 def main(argv: list[str] | None = None) -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(
@@ -187,6 +254,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--network", metavar="FILE", help="another network than the shipped one")
     parser.add_argument("--scenes", action="store_true", help="a line a capture too")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw every capture here")
+    parser.add_argument("--grasps", action="store_true", help="judge answers, not objects")
     parser.add_argument("--most", type=int, metavar="N", help="only the first N captures")
     args = parser.parse_args(argv)
     folders = sorted(path.parent for path in args.folder.glob("*/labels.png"))[: args.most]
@@ -197,7 +265,7 @@ def main(argv: list[str] | None = None) -> None:
     if args.pictures:
         args.pictures.mkdir(parents=True, exist_ok=True)
     for name in args.segmentation:
-        measure(folders, name, args)
+        (measure_grasps if args.grasps else measure)(folders, name, args)
 
 
 if __name__ == "__main__":
