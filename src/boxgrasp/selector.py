@@ -19,6 +19,7 @@ from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
 from boxgrasp.grasps.candidates import FACES, candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
 from boxgrasp.grasps.checks.check import validate_check, validate_result
+from boxgrasp.grasps.refinement import moved_to_surface
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 from boxgrasp.mapping.ray_insertion import build_local_map
@@ -215,11 +216,15 @@ class GraspSelector:
         clock.lap("mapping")
         # 4. Every candidate, and what each check says of it (2-4, 3-4).
         candidates = candidates_of(box, config.gripper, config.candidates.lines)
+        if config.candidates.refine == "surface":
+            target_points = scene.points[points.target_mask]
+            candidates = moved_to_surface(candidates, target_points, config.gripper)
         surroundings = CheckContext(
             candidates=candidates,
             gripper=config.gripper,
             box=box,
             scene=scene,
+            target_mask=points.target_mask,
             obstacle_mask=points.obstacle_mask,
             local_map=maps[config.mapping.resolution_m],
             local_maps=maps,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -42,6 +42,8 @@ class CandidatesConfig:
     Attributes:
         lines: l, lines a face (thesis: 3).
         faces: names of the faces that may be chosen.
+        refine: `surface` moves each candidate along its approach to the target's own surface;
+            `none` keeps the thesis's poses at the box's faces.
 
     Raises:
         ConfigError: a face that is none, or no face.
@@ -49,6 +51,7 @@ class CandidatesConfig:
 
     lines: Annotated[int, Meta(ge=1, le=99)] = LINES
     faces: tuple[str, ...] = FACES
+    refine: Literal["surface", "none"] = "surface"
 
     def __post_init__(self) -> None:
         unknown = [face for face in self.faces if face not in FACES]

@@ -94,7 +94,8 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_table=placement.T_base_table,
         views=views,
         warnings=_warnings(config, image, placement, views),
-        sensor=config.sensor_model,
+        sensor=sensors[0],
+        voxel_m=config.voxel_m,
         _shown=_of_kept(shown, kept),
     )
 

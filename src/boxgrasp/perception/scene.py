@@ -77,6 +77,7 @@ class Scene:
         views: the points of every capture, the first one's before the further scans'.
         warnings: what the user should know of how it was found.
         sensor: what saw it.
+        voxel_m: edge of the voxels, m.
     """
 
     points: Points
@@ -92,7 +93,24 @@ class Scene:
     views: tuple[View, ...]
     warnings: tuple[CodedWarning, ...]
     sensor: SensorModel
+    voxel_m: float
     _shown: ShownPoints
+
+    def point_area_m2(self, points: Points) -> float:
+        """The seen surface that each of some points stands for.
+
+        Args:
+            points: (N, 3) float32 of the scene's, base frame, m.
+
+        Returns:
+            A voxel's face, m2, or what a pixel covers at their range where that is more.
+        """
+        camera = self.camera_position_m
+        if camera is None or len(points) == 0:
+            return self.voxel_m**2
+        range_m = np.median(np.linalg.norm(points - camera.astype(np.float32), axis=1))
+        spacing_m = self.sensor.pixel_spacing_m(np.asarray(range_m, dtype=np.float32))
+        return float(max(self.voxel_m, float(spacing_m)) ** 2)
 
     @property
     def shape(self) -> tuple[int, int] | None:

@@ -49,7 +49,7 @@ class CheckResult:
         value: (M,) float64, finite.
         limit: (M,) float64, what the value was compared with.
         passed: (M,) bool.
-        unit: of value and limit: "m", "fraction", or None for yes (1) or no (0).
+        unit: of value and limit: "m", "m2", "fraction", or None for yes (1) or no (0).
         objects: (M,) int64, number of the object that decided, 0 for an obstacle without a
             number, -1 for none.
         nearest_points_m: (M, 3) float64, base frame, m, where it decided; NaN for nowhere.
@@ -72,7 +72,7 @@ class CheckResult:
             value: (M,) in `unit`.
             limit: in `unit`.
             witness: what decided, where something did.
-            unit: "m" or "fraction".
+            unit: "m", "m2" or "fraction".
 
         Returns:
             The result.
@@ -90,7 +90,7 @@ class CheckResult:
             value: (M,) in `unit`.
             limit: in `unit`.
             witness: what decided, where something did.
-            unit: "m" or "fraction".
+            unit: "m", "m2" or "fraction".
 
         Returns:
             The result.
@@ -161,7 +161,7 @@ class Rejection:
         check: the check's name.
         value: what was measured, in `unit`.
         limit: what was asked, in `unit`.
-        unit: "m", "fraction", or None for yes (1) or no (0).
+        unit: "m", "m2", "fraction", or None for yes (1) or no (0).
         object: number of the object that decided, 0 for an obstacle without a number; or None.
         nearest_point_m: base frame, m, where it decided; or None.
     """
@@ -208,6 +208,8 @@ def spelled(value: float, unit: str | None, digits: int = 1) -> str:
         return "yes" if value else "no"
     if unit == "m":
         return f"{100 * value:.{digits}f} cm"
+    if unit == "m2":
+        return f"{1e4 * value:.{digits}f} cm2"
     return f"{100 * value:.{digits - 1}f} %" if unit == "fraction" else f"{value:g} {unit}"
 
 

@@ -15,9 +15,13 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.grasps.candidates import Candidates
 from boxgrasp.grasps.checks.check import NO_OBJECT, Witness
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.kernels.held import count_held
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
 from boxgrasp.perception.scene import Scene
+
+HELD_TIP_M = 0.015  # m, the fingers' last stretch, between which the target must be
+HELD_MIDDLE_M = 0.010  # m from the hand's mid-plane: what lies farther off is held by an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +64,7 @@ class CheckContext:
         gripper: the hand.
         box: the target's box.
         scene: the support plane and what stands on it.
+        target_mask: (K,) bool, which of the scene's points are the target's.
         obstacle_mask: (K,) bool, which of the scene's points are obstacles.
         local_map: occupied, free and unseen cells round the target.
         local_maps: local maps by their cell size, m, those that checks asked for among them.
@@ -71,6 +76,7 @@ class CheckContext:
     gripper: Gripper
     box: Box
     scene: Scene
+    target_mask: NDArray[np.bool_]
     obstacle_mask: NDArray[np.bool_]
     local_map: LocalMap
     local_maps: Mapping[float, LocalMap]
@@ -103,6 +109,28 @@ class CheckContext:
     def obstacle_objects(self) -> NDArray[np.int64]:
         """(N,) number of the object of each obstacle point, 0 for none."""
         return readonly(self.scene.object_numbers[self.obstacle_mask])
+
+    @property
+    def held_m2(self) -> Floats:
+        """(M,) float64 the target's seen surface between each hand's fingertips, m2."""
+        return self._held[0]
+
+    @property
+    def in_fingers_m2(self) -> Floats:
+        """(M,) float64 the target's seen surface where each hand's fingers are, m2."""
+        return self._held[1]
+
+    @cached_property
+    def _held(self) -> tuple[Floats, Floats]:
+        T, gripper = self.candidates.T_base_gripper, self.gripper
+        points = np.ascontiguousarray(self.scene.points[self.target_mask])
+        held, inside = np.zeros((2, len(T)), dtype=np.int64)
+        count_held(
+            np.ascontiguousarray(T), points, gripper.half_m, gripper.max_opening_m, HELD_TIP_M,
+            HELD_MIDDLE_M, held, inside,
+        )  # fmt: skip
+        area_m2 = self.scene.point_area_m2(points)
+        return readonly(held * area_m2), readonly(inside * area_m2)
 
     @cached_property
     def _columns(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:

@@ -1,0 +1,106 @@
+"""What of a target lies between the fingers of a hand, and what of it in their way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxgrasp.arrays import Floats, Points
+from boxgrasp.kernels._jit import jit
+
+
+@jit
+def _in_hand(T: Floats, points: Points, n: int) -> tuple[float, float, float]:
+    x, y, z = points[n, 0] - T[0, 3], points[n, 1] - T[1, 3], points[n, 2] - T[2, 3]
+    return (
+        x * T[0, 0] + y * T[1, 0] + z * T[2, 0],
+        x * T[0, 1] + y * T[1, 1] + z * T[2, 1],
+        x * T[0, 2] + y * T[1, 2] + z * T[2, 2],
+    )
+
+
+@jit
+def count_held(
+    T_base_gripper: Floats,
+    points: Points,
+    half_m: Floats,
+    opening_m: float,
+    tip_m: float,
+    middle_m: float,
+    held: NDArray[np.int64],
+    outside: NDArray[np.int64],
+) -> None:
+    """Count the points between each hand's fingers, and those where its fingers are.
+
+    Args:
+        T_base_gripper: (M, 4, 4) float64.
+        points: (N, 3) float32, base frame, m.
+        half_m: (3,) float64 half sizes of the hand's box, m.
+        opening_m: between the fingers, m.
+        tip_m: length of the fingers' last stretch, which must hold something, m.
+        middle_m: how far from the hand's mid-plane a point is held in the middle, m.
+        held: (M,) to fill with the points between the fingers' last stretches, in the middle.
+        outside: (M,) to fill with the points in the hand's box beyond the opening.
+    """
+    for m in range(T_base_gripper.shape[0]):
+        held[m] = outside[m] = 0
+        for n in range(points.shape[0]):
+            along, across, off = _in_hand(T_base_gripper[m], points, n)
+            if abs(along) > half_m[0] or abs(across) > half_m[1] or abs(off) > half_m[2]:
+                continue
+            if abs(across) > opening_m / 2:
+                outside[m] += 1
+            elif abs(off) <= middle_m and along >= half_m[0] - tip_m:
+                held[m] += 1
+
+
+@jit
+def surfaces_ahead(
+    T_base_gripper: Floats,
+    points: Points,
+    half_m: Floats,
+    opening_m: float,
+    middle_m: float,
+    share: float,
+    least: int,
+    stray: int,
+    ahead_m: Floats,
+) -> None:
+    """How far along each hand's approach a target's surface lies, from the hand's center.
+
+    Args:
+        T_base_gripper: (M, 4, 4) float64.
+        points: (N, 3) float32, base frame, m.
+        half_m: (3,) float64 half sizes of the hand's box, m.
+        opening_m: between the fingers, m.
+        middle_m: half the thickness of the slab round the mid-plane in which it is looked for, m.
+        share: of the slab's points between the fingers that lie nearer than the surface.
+        least: of these points; fewer are no surface.
+        stray: points that may lie nearer than what is in a finger's or the palm's way.
+        ahead_m: (M, 3) to fill, m: the surface between the fingers, the nearest thing in a finger's
+            way, the nearest in the palm's; NaN where there is none.
+    """
+    count = points.shape[0]
+    middle, finger, palm = np.empty(count), np.empty(count), np.empty(count)
+    for m in range(T_base_gripper.shape[0]):
+        a = b = c = 0
+        for n in range(count):
+            along, across, off = _in_hand(T_base_gripper[m], points, n)
+            if abs(across) > half_m[1] or abs(off) > half_m[2]:
+                continue
+            if abs(across) > opening_m / 2:
+                finger[b] = along
+                b += 1
+                continue
+            palm[c] = along
+            c += 1
+            if abs(off) <= middle_m:
+                middle[a] = along
+                a += 1
+        ahead_m[m] = np.nan
+        if a >= least:
+            ahead_m[m, 0] = np.sort(middle[:a])[int(share * a)]
+        if b > stray:
+            ahead_m[m, 1] = np.sort(finger[:b])[stray]
+        if c > stray:
+            ahead_m[m, 2] = np.sort(palm[:c])[stray]
