@@ -81,8 +81,8 @@ def _feet(depth: Points, intrinsics: Floats, T_source_table: Floats, points: Poi
     found = depth[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
     # Along one ray heights go from the camera's down to the place's as the depths do.
     camera_m = invert(T_source_table)[2, 3]
-    seen_m = camera_m - (camera_m + _DEEP_M) * found / ahead
-    hidden = ~inside | ((found > 0) & (seen_m > -_TABLE_M))  # past the border nothing is known
+    shown_m = camera_m - (camera_m + _DEEP_M) * found / ahead
+    hidden = ~inside | ((found > 0) & (shown_m > -_TABLE_M))  # past the border nothing is known
     return float(hidden.mean())
 
 
