@@ -223,7 +223,7 @@ def selector(target_source: str, lines: int, stride: int | None = None) -> Grasp
     return GraspSelector(
         {
             "box": {"fit": FITS[target_source]},
-            "candidates": {"lines": lines},
+            "candidates": {"lines": lines, "refine": "none"},  # the thesis's poses
             "mapping": {"stride": stride},
         }
     )

@@ -122,7 +122,9 @@ def _selectors(study: Study) -> dict[str, GraspSelector]:
             (Path(folder) / name).write_bytes(study.store.read(f"models/{name}"))
         config = {"ranker": CASCADE, "models": folder}
         return {
-            "bare": GraspSelector({**config, "unchecked": True}),
+            "bare": GraspSelector(
+                {**config, "unchecked": True, "candidates": {"refine": "none"}}  # the thesis
+            ),
             "checked": GraspSelector(config),
         }
 

@@ -1,0 +1,153 @@
+"""Grasps hold something: what is between the fingers, and where a target's own surface is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from boxgrasp import Capture, GraspSelector, Target
+from boxgrasp.geometry.transforms import make_transform, rotation_z
+from boxgrasp.grasps.candidates import FRONT, Candidates
+from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
+from boxgrasp.kernels.held import count_held, surfaces_ahead
+from boxgrasp.selector import SceneAnalysis
+from boxgrasp.simulate import cast
+from boxgrasp.simulate.camera import intrinsics_matrix, look_at
+from boxgrasp.simulate.noise import add_noise
+from boxgrasp.simulate.primitives import Box, Cylinder, Plane, upright
+
+HAND = Gripper()
+K = intrinsics_matrix()
+
+
+def in_hand(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return np.asarray((points - T[:3, 3]) @ T[:3, :3])
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1))
+def test_the_kernels_agree_with_plain_geometry(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.12, 0.12, (int(rng.integers(0, 400)), 3)).astype(np.float32)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    poses = np.array([make_transform(turn, rng.uniform(-0.05, 0.05, 3)) for _ in range(4)])
+    held, outside = np.zeros((2, 4), dtype=np.int64)
+    count_held(poses, points, HAND.half_m, HAND.max_opening_m, 0.015, 0.01, held, outside)
+    ahead = np.empty((4, 3))
+    surfaces_ahead(poses, points, HAND.half_m, HAND.max_opening_m, 0.01, 0.1, 8, 3, ahead)
+    for m, T in enumerate(poses):
+        x, y, z = in_hand(T, points.astype(np.float64)).T
+        box = np.abs((x, y, z)) <= HAND.half_m[:, None] + 1e-9
+        between = np.abs(y) <= HAND.max_opening_m / 2
+        tips = (x >= HAND.half_m[0] - 0.015) & (np.abs(z) <= 0.01)
+        assert held[m] == np.count_nonzero(box.all(axis=0) & between & tips)
+        assert outside[m] == np.count_nonzero(box.all(axis=0) & ~between)
+        beside = box[1] & box[2]
+        expected = [np.nan] * 3
+        middle = np.sort(x[beside & between & (np.abs(z) <= 0.01)])
+        if len(middle) >= 8:
+            expected[0] = middle[len(middle) // 10]
+        for k, which in ((1, beside & ~between), (2, beside & between)):
+            if np.count_nonzero(which) > 3:
+                expected[k] = np.sort(x[which])[3]
+        np.testing.assert_allclose(ahead[m], expected, atol=1e-7)
+
+
+def one(T: np.ndarray) -> Candidates:
+    """A candidate at a pose."""
+    number = np.array([1])
+    return Candidates(1, number, number, number, T[None], np.array([0.05]), np.array([0]))
+
+
+def sheet(x: float, y: tuple[float, float], z: tuple[float, float]) -> np.ndarray:
+    """(N, 3) points 3 mm apart on an upright sheet that faces x."""
+    a, b = np.meshgrid(np.arange(*y, 0.003), np.arange(*z, 0.003))
+    return np.column_stack((np.full(a.size, x), a.ravel(), b.ravel())).astype(np.float32)
+
+
+def tip_of(found: Candidates) -> float:
+    return float(found.T_base_gripper[0, 0, 3] + HAND.half_m[0])
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0])
+def test_the_fingertips_go_past_the_surface_and_no_farther(yaw: float) -> None:
+    at = make_transform(rotation_z(yaw), np.zeros(3))
+    pose = make_transform(np.eye(3), (-0.1, 0.0, 0.0))
+
+    def tips(*parts: np.ndarray) -> float:
+        points = (np.vstack(parts) @ at[:3, :3].T).astype(np.float32)
+        found = moved_to_surface(one(at @ pose), points, HAND)
+        turned = replace(found, T_base_gripper=np.linalg.inv(at) @ found.T_base_gripper)
+        assert np.allclose(turned.T_base_gripper[0, 1:3, 3], 0.0, atol=1e-9)
+        return tip_of(turned)
+
+    face = sheet(0.05, (-0.03, 0.03), (-0.05, 0.05))
+    assert tips(face) == pytest.approx(0.06, abs=1e-6)
+    # A part that is as wide as a finger's place keeps the finger before it.
+    wide = sheet(0.02, (0.06, 0.08), (-0.03, 0.03))
+    assert tips(face, wide) == pytest.approx(0.02 - 0.003, abs=1e-6)
+    # A part out of the middle meets the palm, 4.5 cm behind the tips.
+    overhang = sheet(-0.02, (-0.03, 0.03), (0.015, 0.03))
+    assert tips(face, overhang) == pytest.approx(-0.02 + 0.045, abs=1e-6)
+    # A few stray points are no surface; without one the box's face is kept.
+    stray = sheet(0.05, (-0.003, 0.003), (-0.003, 0.003))
+    assert len(stray) < RefinementParams().least_points and tips(stray) == pytest.approx(0.01)
+
+
+def analysis_of(
+    *solids: Box | Cylinder, refine: str, seed: int | None = 0
+) -> tuple[SceneAnalysis, GraspSelector]:
+    """What is known of target 1 among solids on a table, z = 0."""
+    T = look_at((0.1, 0.0, 0.55), (0.8, 0.0, 0.05))
+    view = cast([Plane(0.0), *solids], K, T)
+    depth = np.array(view.depth)
+    if seed is not None:
+        depth = add_noise(depth, np.random.default_rng(seed))
+    selector = GraspSelector({"candidates": {"refine": refine}})
+    return selector.analyze(Capture(depth, K, T), Target(mask=view.object_ids == 1)), selector
+
+
+def box(x: float, y: float, z: tuple[float, float], size: tuple[float, float]) -> Box:
+    at = upright(x, y, (z[0] + z[1]) / 2)
+    return Box(at, np.array((*size, z[1] - z[0])), object_id=1)
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1])
+def test_over_a_step_the_box_face_closes_on_air_and_the_surface_is_held(seed: int | None) -> None:
+    """A low foot before a post: the upper lines of the box's front face lie 10 cm before it."""
+    foot, post = box(0.80, 0.0, (0.0, 0.03), (0.16, 0.06)), box(0.86, 0.0, (0.0, 0.2), (0.04, 0.06))
+    for refine, held in (("none", False), ("surface", True)):
+        analysis, _ = analysis_of(foot, post, refine=refine, seed=seed)
+        candidates, results = analysis.context.candidates, analysis.context.check_results
+        upper = (candidates.face == FRONT) & (candidates.line == 3)
+        assert results["holds"].passed[upper] == held
+        if held:
+            tip = candidates.T_base_gripper[upper][0] @ (HAND.half_m[0], 0.0, 0.0, 1.0)
+            assert tip[0] == pytest.approx(0.84 + HAND.insertion_depth_m, abs=0.006)
+
+
+def test_a_plain_box_keeps_its_poses() -> None:
+    """Where the surface is the box's face, it moves by no more than the noise."""
+    thing = box(0.8, 0.0, (0.0, 0.12), (0.06, 0.08))
+    (plain, _), (moved, _) = (analysis_of(thing, refine=r) for r in ("none", "surface"))
+    front = plain.context.candidates.face == FRONT
+    off = (
+        moved.context.candidates.T_base_gripper[:, :3, 3]
+        - plain.context.candidates.T_base_gripper[:, :3, 3]
+    )
+    assert np.abs(off[front]).max() < 0.006
+    assert moved.context.check_results["holds"].passed[front].all()
+
+
+def test_a_grasp_across_a_wider_part_is_refused() -> None:
+    """A bar that reaches past both fingers: the box is narrow enough, the mask was not."""
+    analysis, _ = analysis_of(box(0.8, 0.0, (0.0, 0.1), (0.05, 0.15)), refine="none")
+    candidates, results = analysis.context.candidates, analysis.context.check_results
+    front = candidates.face == FRONT
+    assert not results["fingers_free"].passed[front].any()
+    assert results["fingers_free"].unit == "m2" and (results["fingers_free"].value >= 0).all()
