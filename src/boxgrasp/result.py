@@ -33,7 +33,7 @@ class CheckValue:
     Attributes:
         value: what was measured, in `unit`.
         limit: what it was compared with, in `unit`.
-        unit: "m", "fraction", or None for yes (1) or no (0).
+        unit: "m", "m2", "fraction", or None for yes (1) or no (0).
         passed: whether the candidate met it.
         object: number of the object that decided, 0 for an obstacle without a number; or None.
         nearest_point_m: (x, y, z), base frame, m, where it decided; or None.
