@@ -83,12 +83,13 @@ class Labeled:
     @staticmethod
     def of(capture: Capture, labels: NDArray[np.int64]) -> Labeled:
         """The capture's points, and the table through the pixels labeled so."""
-        assert capture.depth is not None and capture.intrinsics is not None
-        depth, K = np.asarray(capture.depth, dtype=np.float64), capture.intrinsics
-        v, u = np.indices(depth.shape)
-        rays = np.stack((u, v, np.ones_like(u)), axis=-1) @ np.linalg.inv(K).T
-        places, measured = rays * depth[..., None], depth > 0
-        up, offset_m = _plane(places[(labels == TABLE) & measured])
+        places, measured = _places(capture)
+        return Labeled(places, labels, measured, *_plane(places[(labels == TABLE) & measured]))
+
+    @staticmethod
+    def over(capture: Capture, labels: NDArray[np.int64], up: Floats, offset_m: float) -> Labeled:
+        """The capture's points over a table whose place is known."""
+        places, measured = _places(capture)
         return Labeled(places, labels, measured, up, offset_m)
 
     def points(self, number: int) -> Floats:
@@ -168,6 +169,15 @@ class Labeled:
             ahead = np.array((0.0, -1.0, 0.0))
         ahead /= np.linalg.norm(ahead)
         return np.column_stack((ahead, np.cross(self.up, ahead), self.up))
+
+
+def _places(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
+    """(H, W, 3) points of a capture, camera frame, m, and (H, W) which were measured."""
+    assert capture.depth is not None and capture.intrinsics is not None
+    depth, K = np.asarray(capture.depth, dtype=np.float64), capture.intrinsics
+    v, u = np.indices(depth.shape)
+    rays = np.stack((u, v, np.ones_like(u)), axis=-1) @ np.linalg.inv(K).T
+    return rays * depth[..., None], depth > 0
 
 
 def _plane(points: Floats) -> tuple[Floats, float]:

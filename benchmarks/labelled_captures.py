@@ -1,7 +1,8 @@
 """Objects found on labeled real captures, one segmentation beside the other.
 
     python benchmarks/labelled_captures.py [FOLDER] [--segmentation split euclidean] [--scenes]
-                                           [--network FILE] [--pictures DIR] [--grasps]
+                                           [--network FILE] [--pictures DIR]
+                                           [--grasps] [--refine none]
 
 FOLDER holds a folder a capture: `depth.png`, `intrinsics.json`, perhaps `color.jpg`, and
 `labels.png`, the truth: 0 nothing, 1 the table, 2 and up an object each. Each capture is segmented
@@ -180,36 +181,52 @@ def measure(folders: list[Path], segmentation: str, args: argparse.Namespace) ->
     print(told(segmentation, results, milliseconds), flush=True)
 
 
+class Grasps:
+    """Answers for labeled objects, by the way of asking."""
+
+    def __init__(self, selector: GraspSelector) -> None:
+        self.selector = selector
+        self.answered: dict[str, list[bool]] = {}
+        self.judged: dict[str, list[_held.Judged]] = {}
+
+    def ask(self, capture: Capture, labeled: _held.Labeled, number: int, name: str = "") -> None:
+        """Ask for one object in every way; name: of the capture, to print grasps that are bad."""
+        mask = (labeled.labels == number) & depth_of(capture)
+        gripper = self.selector.config.gripper
+        answerable = labeled.answerable(number, gripper)
+        masks = {"mask": mask, **_held.ragged(mask)}
+        ways = {"pixel": Target(pixel=_held.middle_pixel(mask))}
+        ways |= {way: Target(mask=own) for way, own in masks.items()}
+        for way, target in ways.items():
+            T_camera_gripper = grasp_of(self.selector, capture, target)
+            if answerable:
+                self.answered.setdefault(way, []).append(T_camera_gripper is not None)
+            if T_camera_gripper is None:
+                continue
+            found = labeled.judge(number, T_camera_gripper, gripper)
+            self.judged.setdefault(way, []).append(found)
+            if name and not found.good:
+                print(f"  {name:12} object {number} by {way}: {found}", flush=True)
+
+    def tell(self, name: str) -> None:
+        """Print a line a way of asking."""
+        for way, of in self.answered.items():
+            print(f"{name:10} by {way:8} {told_grasps(of, self.judged.get(way, []))}", flush=True)
+
+
 def measure_grasps(folders: list[Path], segmentation: str, args: argparse.Namespace) -> None:
     """Ask for every object, by pixel and by masks; print a line a way of asking."""
     scene = {"segmentation": segmentation, "network": args.network}
-    selector = GraspSelector({"scene": scene})
-    answered: dict[str, list[bool]] = {}
-    grasps: dict[str, list[_held.Judged]] = {}
+    grasps = Grasps(GraspSelector({"scene": scene, "candidates": {"refine": args.refine}}))
     for folder in folders:
         capture = load_capture(folder)
         truth = np.asarray(Image.open(folder / "labels.png")).astype(np.int64)
         labeled = _held.Labeled.of(capture, truth)
-        for number in np.unique(truth[truth >= FIRST_OBJECT]).tolist():
-            mask = (truth == number) & depth_of(capture)
-            if np.count_nonzero(mask) < LEAST_PX:
-                continue
-            answerable = labeled.answerable(number, selector.config.gripper)
-            masks = {"mask": mask, **_held.ragged(mask)}
-            ways = {"pixel": Target(pixel=_held.middle_pixel(mask))}
-            ways |= {way: Target(mask=own) for way, own in masks.items()}
-            for way, target in ways.items():
-                found = grasp_of(selector, capture, target)
-                if answerable:
-                    answered.setdefault(way, []).append(found is not None)
-                if found is None:
-                    continue
-                judged_one = labeled.judge(number, found, selector.config.gripper)
-                grasps.setdefault(way, []).append(judged_one)
-                if args.scenes and not judged_one.good:
-                    print(f"  {folder.name:12} object {number} by {way}: {judged_one}", flush=True)
-    for way, of in answered.items():
-        print(f"{segmentation:10} by {way:8} {told_grasps(of, grasps.get(way, []))}", flush=True)
+        shown = np.bincount(truth[depth_of(capture)])
+        for number in np.flatnonzero(shown >= LEAST_PX).tolist():
+            if number >= FIRST_OBJECT:
+                grasps.ask(capture, labeled, number, folder.name if args.scenes else "")
+    grasps.tell(segmentation)
 
 
 def grasp_of(selector: GraspSelector, capture: Capture, target: Target) -> _held.Floats | None:
@@ -255,6 +272,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--scenes", action="store_true", help="a line a capture too")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw every capture here")
     parser.add_argument("--grasps", action="store_true", help="judge answers, not objects")
+    parser.add_argument("--refine", choices=("surface", "none"), default="surface")
     parser.add_argument("--most", type=int, metavar="N", help="only the first N captures")
     args = parser.parse_args(argv)
     folders = sorted(path.parent for path in args.folder.glob("*/labels.png"))[: args.most]
