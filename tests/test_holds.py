@@ -39,7 +39,7 @@ def test_the_kernels_agree_with_plain_geometry(seed: int) -> None:
     held, outside = np.zeros((2, 4), dtype=np.int64)
     count_held(poses, points, HAND.half_m, HAND.max_opening_m, 0.015, 0.01, held, outside)
     ahead = np.empty((4, 3))
-    surfaces_ahead(poses, points, HAND.half_m, HAND.max_opening_m, 0.01, 0.1, 8, 3, ahead)
+    surfaces_ahead(poses, points, HAND.half_m, HAND.max_opening_m, 0.01, 12, 8, 3, ahead)
     for m, T in enumerate(poses):
         x, y, z = in_hand(T, points.astype(np.float64)).T
         box = np.abs((x, y, z)) <= HAND.half_m[:, None] + 1e-9
@@ -50,8 +50,8 @@ def test_the_kernels_agree_with_plain_geometry(seed: int) -> None:
         beside = box[1] & box[2]
         expected = [np.nan] * 3
         middle = np.sort(x[beside & between & (np.abs(z) <= 0.01)])
-        if len(middle) >= 8:
-            expected[0] = middle[len(middle) // 10]
+        if len(middle) >= 12:
+            expected[0] = middle[8]
         for k, which in ((1, beside & ~between), (2, beside & between)):
             if np.count_nonzero(which) > 3:
                 expected[k] = np.sort(x[which])[3]

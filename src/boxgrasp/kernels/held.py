@@ -61,8 +61,8 @@ def surfaces_ahead(
     half_m: Floats,
     opening_m: float,
     middle_m: float,
-    share: float,
     least: int,
+    rim: int,
     stray: int,
     ahead_m: Floats,
 ) -> None:
@@ -74,8 +74,8 @@ def surfaces_ahead(
         half_m: (3,) float64 half sizes of the hand's box, m.
         opening_m: between the fingers, m.
         middle_m: half the thickness of the slab round the mid-plane in which it is looked for, m.
-        share: of the slab's points between the fingers that lie nearer than the surface.
-        least: of these points; fewer are no surface.
+        least: of the slab's points between the fingers; fewer are no surface.
+        rim: of these points that may lie nearer than the surface.
         stray: points that may lie nearer than what is in a finger's or the palm's way.
         ahead_m: (M, 3) to fill, m: the surface between the fingers, the nearest thing in a finger's
             way, the nearest in the palm's; NaN where there is none.
@@ -99,7 +99,7 @@ def surfaces_ahead(
                 a += 1
         ahead_m[m] = np.nan
         if a >= least:
-            ahead_m[m, 0] = np.sort(middle[:a])[int(share * a)]
+            ahead_m[m, 0] = np.sort(middle[:a])[rim]
         if b > stray:
             ahead_m[m, 1] = np.sort(finger[:b])[stray]
         if c > stray:
