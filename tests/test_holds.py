@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import FRONT, Candidates
+from boxgrasp.grasps.checks import CheckContext
+from boxgrasp.grasps.checks.fingers_free import FingersFree
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
 from boxgrasp.kernels.held import count_held, surfaces_ahead
+from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES
 from boxgrasp.selector import SceneAnalysis
 from boxgrasp.simulate import cast
 from boxgrasp.simulate.camera import intrinsics_matrix, look_at
@@ -145,9 +148,23 @@ def test_a_plain_box_keeps_its_poses() -> None:
 
 
 def test_a_grasp_across_a_wider_part_is_refused() -> None:
-    """A bar that reaches past both fingers: the box is narrow enough, the mask was not."""
-    analysis, _ = analysis_of(box(0.8, 0.0, (0.0, 0.1), (0.05, 0.15)), refine="none")
-    candidates, results = analysis.context.candidates, analysis.context.check_results
-    front = candidates.face == FRONT
-    assert not results["fingers_free"].passed[front].any()
-    assert results["fingers_free"].unit == "m2" and (results["fingers_free"].value >= 0).all()
+    """A post on a slab, and a mask of the post alone: its box is narrow, the slab is not.
+
+    As the slab is higher than the fingertips on the lowest line, they would be in it.
+    """
+    thing = (box(0.8, 0.0, (0.0, 0.06), (0.06, 0.16)), box(0.8, 0.0, (0.06, 0.25), (0.06, 0.06)))
+    analysis, _ = analysis_of(*thing, refine="none")
+    context = analysis.context
+    narrow = replace(context.candidates, width_m=np.full(len(context.candidates.label), 0.06))
+    surroundings = CheckContext(
+        candidates=narrow, gripper=HAND, box=context.box, scene=analysis.scene,
+        target_mask=analysis.target_points.target_mask, obstacle_mask=analysis.target_points.obstacle_mask,
+        local_map=next(iter(context.local_maps.values())), local_maps=context.local_maps,
+        map_obstacles=NO_MAP_OBSTACLES, width_known=(True, True),
+    )  # fmt: skip
+    found = FingersFree(3e-5).evaluate(surroundings)
+    front = narrow.face == FRONT
+    assert found.passed[front].tolist() == [False, True, True] and found.unit == "m2"
+    # What is known to be too wide is told by its width alone.
+    told = context.check_results
+    assert told["fingers_free"].passed[front].all() and not told["width"].passed[front].any()

@@ -111,6 +111,11 @@ class CheckContext:
         return readonly(self.scene.object_numbers[self.obstacle_mask])
 
     @property
+    def too_wide(self) -> NDArray[np.bool_]:
+        """(M,) where the target's box does not go between the fingers at all."""
+        return np.asarray(self.candidates.width_m > self.gripper.max_opening_m)
+
+    @property
     def held_m2(self) -> Floats:
         """(M,) float64 the target's seen surface between each hand's fingertips, m2."""
         return self._held[0]

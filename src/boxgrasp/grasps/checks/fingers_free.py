@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from boxgrasp.arrays import readonly
 from boxgrasp.grasps.checks.check import Check, CheckResult
 from boxgrasp.grasps.checks.context import CheckContext
 
@@ -11,6 +12,8 @@ from boxgrasp.grasps.checks.context import CheckContext
 @dataclass(frozen=True)
 class FingersFree(Check):
     """Next to nothing of the target's seen surface lies in the fingers themselves.
+
+    A target wider than the opening passes here: `width` tells it.
 
     Attributes:
         most_m2: the most surface, m2: stray points.
@@ -21,4 +24,5 @@ class FingersFree(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Seen surface of the target in the hand's box beyond the opening."""
-        return CheckResult.at_most(context.in_fingers_m2, self.most_m2, unit="m2")
+        found = CheckResult.at_most(context.in_fingers_m2, self.most_m2, unit="m2")
+        return replace(found, passed=readonly(found.passed | context.too_wide))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from boxgrasp.arrays import readonly
 from boxgrasp.grasps.checks.check import Check, CheckResult
 from boxgrasp.grasps.checks.context import CheckContext
 
@@ -11,6 +12,8 @@ from boxgrasp.grasps.checks.context import CheckContext
 @dataclass(frozen=True)
 class Holds(Check):
     """Enough of the target's seen surface lies between the fingertips, in their middle.
+
+    A target wider than the opening passes here: `width` tells it.
 
     Attributes:
         least_m2: the least surface, m2.
@@ -21,4 +24,5 @@ class Holds(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Seen surface between the fingers' last stretches and near the hand's mid-plane."""
-        return CheckResult.at_least(context.held_m2, self.least_m2, unit="m2")
+        found = CheckResult.at_least(context.held_m2, self.least_m2, unit="m2")
+        return replace(found, passed=readonly(found.passed | context.too_wide))
