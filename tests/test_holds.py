@@ -156,9 +156,10 @@ def test_a_grasp_across_a_wider_part_is_refused() -> None:
     analysis, _ = analysis_of(*thing, refine="none")
     context = analysis.context
     narrow = replace(context.candidates, width_m=np.full(len(context.candidates.label), 0.06))
+    own = analysis.target_points
     surroundings = CheckContext(
         candidates=narrow, gripper=HAND, box=context.box, scene=analysis.scene,
-        target_mask=analysis.target_points.target_mask, obstacle_mask=analysis.target_points.obstacle_mask,
+        target_mask=own.target_mask, obstacle_mask=own.obstacle_mask,
         local_map=next(iter(context.local_maps.values())), local_maps=context.local_maps,
         map_obstacles=NO_MAP_OBSTACLES, width_known=(True, True),
     )  # fmt: skip
@@ -168,3 +169,14 @@ def test_a_grasp_across_a_wider_part_is_refused() -> None:
     # What is known to be too wide is told by its width alone.
     told = context.check_results
     assert told["fingers_free"].passed[front].all() and not told["width"].passed[front].any()
+
+
+@pytest.mark.parametrize("spacing_m", [0.003, 0.007])
+def test_a_sparse_cloud_is_counted_by_its_spacing(spacing_m: float) -> None:
+    """A surface of 20 cm2 is one, whether it was seen by many points or by a few."""
+    analysis, _ = analysis_of(box(0.8, 0.0, (0.0, 0.12), (0.06, 0.08)), refine="none")
+    y, z = np.meshgrid(np.arange(0.0, 0.05, spacing_m), np.arange(0.0, 0.04, spacing_m))
+    points = np.column_stack((np.full(y.size, 0.6), y.ravel(), z.ravel())).astype(np.float32)
+    area_m2 = len(points) * analysis.scene.point_area_m2(points)
+    assert area_m2 == pytest.approx(20e-4, rel=0.25)
+    assert analysis.scene.point_area_m2(points[:1]) >= 9e-6

@@ -149,10 +149,11 @@ def test_points_are_the_targets_or_in_its_way_but_a_masks_rim() -> None:
     capture, scene = view()
     for target in (None, Target(object=2), Target(pixel=middle_pixel(CAN))):
         found = find_target(scene, capture, target)
-        np.testing.assert_array_equal(found.obstacle_mask, ~found.target_mask)
+        in_the_way = ~found.target_mask & ~scene.floor_mask
+        np.testing.assert_array_equal(found.obstacle_mask, in_the_way)
     found = find_target(scene, capture, Target(mask=OBJECT_IDS == CAN))
     assert not (found.target_mask & found.obstacle_mask).any()
-    rim = scene.points[~(found.target_mask | found.obstacle_mask)]
+    rim = scene.points[~(found.target_mask | found.obstacle_mask | scene.floor_mask)]
     target = scene.points[found.target_mask][::5]
     near = np.linalg.norm(rim[:, None] - target[None], axis=2).min(axis=1)
     assert near.max(initial=0.0) < 0.05

@@ -13,6 +13,7 @@ from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
+from boxgrasp.kernels.nearest import nearest
 from boxgrasp.kernels.table_cells import hole_rim
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.segmentation.clusters import Clusters
@@ -59,6 +60,9 @@ class ShownPoints:
     rows: NDArray[np.int64]
 
 
+_SPACING_SAMPLE = 200  # points tell how far they lie apart
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What stands over the support plane, base frame, m.
@@ -103,14 +107,15 @@ class Scene:
             points: (N, 3) float32 of the scene's, base frame, m.
 
         Returns:
-            A voxel's face, m2, or what a pixel covers at their range where that is more.
+            A voxel's face, m2, or what a pixel covers at their range, or the square of how far
+            apart the points lie, where that is more.
         """
+        edges_m = [self.voxel_m, _spacing_m(points)]
         camera = self.camera_position_m
-        if camera is None or len(points) == 0:
-            return self.voxel_m**2
-        range_m = np.median(np.linalg.norm(points - camera.astype(np.float32), axis=1))
-        spacing_m = self.sensor.pixel_spacing_m(np.asarray(range_m, dtype=np.float32))
-        return float(max(self.voxel_m, float(spacing_m)) ** 2)
+        if camera is not None and len(points) > 0:
+            away_m = np.median(np.linalg.norm(points - camera.astype(np.float32), axis=1))
+            edges_m.append(float(self.sensor.pixel_spacing_m(np.asarray(away_m, np.float32))))
+        return max(edges_m) ** 2
 
     @property
     def shape(self) -> tuple[int, int] | None:
@@ -291,3 +296,14 @@ class Scene:
             pixel = (int(u[order[k]]), int(v[order[k]])) if shown else None
             found.append(replace(item, pixel=pixel))
         return tuple(found)
+
+
+def _spacing_m(points: Points) -> float:
+    """How far points lie apart, m: the median of some of them; 0 for a few."""
+    some = slice(None, None, max(2, len(points) // _SPACING_SAMPLE))
+    others = np.delete(points, some, axis=0)
+    if len(others) == 0:
+        return 0.0
+    asked = np.ascontiguousarray(points[some])
+    off = asked - others[nearest(asked, np.ascontiguousarray(others))]
+    return float(np.median(np.linalg.norm(off, axis=1)))
