@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.table_cells import regions
+from boxgrasp.perception.lines_of_sight import depth_towards
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.support_plane import spans
 from boxgrasp.sensing.capture import Capture
@@ -72,16 +73,11 @@ def _feet(depth: Points, intrinsics: Floats, T_source_table: Floats, points: Poi
         return 0.0
     under = points[:: max(1, len(points) // _FEET)].copy()
     under[:, 2] = -_DEEP_M
-    x, y, z = transform(T_source_table, under).T
-    ahead = np.maximum(z, np.float32(1e-3))
-    u = np.rint(x / ahead * intrinsics[0, 0] + intrinsics[0, 2]).astype(np.int64)
-    v = np.rint(y / ahead * intrinsics[1, 1] + intrinsics[1, 2]).astype(np.int64)
-    height, width = depth.shape
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (z > 0)
-    found = depth[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
+    places = transform(T_source_table, under)
+    found, inside = depth_towards(depth, intrinsics, places)
     # Along one ray heights go from the camera's down to the place's as the depths do.
     camera_m = invert(T_source_table)[2, 3]
-    shown_m = camera_m - (camera_m + _DEEP_M) * found / ahead
+    shown_m = camera_m - (camera_m + _DEEP_M) * found / np.maximum(places[:, 2], np.float32(1e-3))
     hidden = ~inside | ((found > 0) & (shown_m > -_TABLE_M))  # past the border nothing is known
     return float(hidden.mean())
 

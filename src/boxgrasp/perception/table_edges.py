@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.geometry.transforms import transform
+from boxgrasp.perception.lines_of_sight import depth_towards
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.sensing.capture import Capture
 
@@ -76,10 +77,5 @@ def _seen(
     depth: Points, intrinsics: Floats, places: Points
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether the camera looks through each place (..., 3), optical frame, and has no depth."""
-    height, width = depth.shape
-    z = np.maximum(places[..., 2], np.float32(1e-3))
-    u = np.rint(places[..., 0] / z * intrinsics[0, 0] + intrinsics[0, 2]).astype(np.int64)
-    v = np.rint(places[..., 1] / z * intrinsics[1, 1] + intrinsics[1, 2]).astype(np.int64)
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (places[..., 2] > 0)
-    found = depth[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
-    return inside & (found > z + _THROUGH_M), inside & (found == 0)
+    found, inside = depth_towards(depth, intrinsics, places)
+    return inside & (found > places[..., 2] + _THROUGH_M), inside & (found == 0)
