@@ -9,9 +9,12 @@ import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
+
+from boxgrasp import Capture, Gripper
 
 FOLDER = Path(__file__).resolve().parent.parent / "benchmarks"
 LEAST = {
@@ -39,9 +42,9 @@ def module(name: str) -> ModuleType:
     return loaded
 
 
-def printed(name: str, **environment: str) -> str:
+def printed(name: str, *more: str, **environment: str) -> str:
     done = subprocess.run(
-        [sys.executable, str(FOLDER / f"{name}.py"), *LEAST[name]],
+        [sys.executable, str(FOLDER / f"{name}.py"), *LEAST[name], *more],
         capture_output=True,
         text=True,
         env={**os.environ, **environment},
@@ -187,3 +190,64 @@ def test_farthest_candidate_is_the_one_away_from_the_obstacle() -> None:
     wall = np.stack(np.meshgrid([-0.10], np.linspace(-0.2, 0.2, 9), np.linspace(0, 0.3, 7)), -1)
     right = speed.farthest(box, wall.reshape(-1, 3))
     assert right // 3 + 1 != 2  # the wall stands before the front face
+
+
+def test_labelled_captures_asks_for_every_object(labeled_dir: Path) -> None:
+    out = printed("labelled_captures", "--segmentation", "network", "--grasps",
+                  BOXGRASP_LABELED=str(labeled_dir))  # fmt: skip
+    for way in ("pixel", "mask", "grown", "shrunk", "shifted"):
+        assert re.search(rf"by {way} +answered [\d.]+ of \d+ answerable; of \d+ grasps: good", out)
+
+
+def test_ugly_scenes_asks_with_and_without_what_is_held() -> None:
+    out = printed("ugly_scenes", "--grasps")
+    assert {"surface", "box", "unheld"} <= {line.split()[0] for line in out.splitlines()}
+
+
+def block_seen(x: tuple[float, float], top_m: float = 0.10) -> tuple[np.ndarray, np.ndarray]:
+    """(240, 320) depth of a camera 1 m over a table, looking down on a block, and its labels."""
+    v, u = np.indices((240, 320))
+    places = (u - 160) / 300.0 * (1.0 - top_m), (v - 120) / 300.0 * (1.0 - top_m)
+    block = (x[0] <= places[0]) & (places[0] <= x[1]) & (np.abs(places[1]) <= 0.03)
+    return np.where(block, 1.0 - top_m, 1.0).astype(np.float32), np.where(block, 2, 1)
+
+
+def test_grasps_are_judged_by_what_lies_between_the_fingers() -> None:
+    held = module("_held")
+    depth, labels = block_seen((-0.04, 0.04))
+    K = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])
+    labeled = held.Labeled.of(Capture(depth, K), labels)
+    np.testing.assert_allclose(labeled.up, (0.0, 0.0, -1.0), atol=1e-6)
+    assert labeled.offset_m == pytest.approx(1.0, abs=1e-6)
+    hand = Gripper()
+    T = np.eye(4)
+    T[:3, :3] = np.array(((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))  # down, across x
+    T[:3, 3] = (0.0, 0.0, 0.91 - hand.length_m / 2)
+
+    def moved(x: float, y: float, z: float) -> Any:
+        pose = T.copy()
+        pose[:3, 3] += (x, y, z)
+        return labeled.judge(2, pose, hand)
+
+    good = moved(0.0, 0.0, 0.0)
+    assert good.good and good.outside == 0 and good.over_table_m == pytest.approx(0.09, abs=2e-3)
+    assert moved(0.0, 0.0, -0.02).on_air and moved(0.0, 0.2, 0.0).on_air
+    assert moved(0.0, 0.06, 0.0).by_an_edge
+    assert moved(0.05, 0.0, 0.0).touching
+    assert not moved(0.0, 0.0, 0.095).good  # into the table
+    assert labeled.answerable(2, hand)
+    wide, numbers = block_seen((-0.15, 0.15))
+    numbers[:, 160:][numbers[:, 160:] == 2] = 3  # two blocks side by side
+    both = held.Labeled.of(Capture(wide, K), numbers)
+    assert not both.judge(2, T, hand).good and both.judge(2, T, hand).clear_m == 0.0
+
+
+def test_a_ragged_mask_is_a_mask_moved_by_three_pixels() -> None:
+    held = module("_held")
+    mask = np.zeros((60, 80), dtype=np.bool_)
+    mask[20:40, 30:50] = True
+    ragged = held.ragged(mask)
+    assert ragged["grown"].sum() > mask.sum() > ragged["shrunk"].sum()
+    assert ragged["shrunk"].sum() == 14 * 14 and ragged["shifted"][23:43, 33:53].all()
+    u, v = held.middle_pixel(mask)
+    assert 37 <= u <= 42 and 27 <= v <= 32
