@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Points, readonly
 from boxgrasp.errors import TargetError
 from boxgrasp.kernels.cells import euclidean_clusters
+from boxgrasp.kernels.table_cells import dilated
 from boxgrasp.perception.hollow_things import RIM_SHARE
 from boxgrasp.perception.scene import MISSING, Scene
 from boxgrasp.sensing.capture import Capture
@@ -20,6 +21,9 @@ _PIXEL_REACH = 5  # px from a pixel without depth to one that has it
 _POINT_REACH_M = 0.03  # m from a point given to an object's
 _MASK_JOIN_M = 0.03  # m up to which parts under a mask are one thing
 _CLEARLY_M = 0.006  # m over the support plane, where its noise does not reach
+# Of the image's width, by which a mask's outline may be off. Measured with masks shrunk by 3 px of
+# 640 (benchmarks/ugly_scenes.py --grasps): 70 % are answered, 40 % without it.
+_RAGGED = 4 / 640
 _RIM_M = 0.008  # m from a mask's points, where what it left out may be the target's too
 
 
@@ -243,7 +247,11 @@ def _under_mask(scene: Scene, mask: NDArray[np.bool_]) -> TargetPoints:
     rows = np.flatnonzero(under)
     pieces = euclidean_clusters(np.ascontiguousarray(scene.points[rows]), _MASK_JOIN_M)
     under[rows[pieces != np.bincount(pieces).argmax()]] = False
-    rim = _beside(scene.points, under) & np.isin(scene.clusters, scene.clusters[under])
+    beside = _beside(scene.points, under)
+    if mask.ndim == 2:
+        rings = max(1, round(_RAGGED * mask.shape[1]))
+        beside |= scene.points_under(dilated(mask, rings))
+    rim = beside & np.isin(scene.clusters, scene.clusters[under])
     return TargetPoints(readonly(under), readonly(~under & ~rim & ~scene.floor_mask))
 
 

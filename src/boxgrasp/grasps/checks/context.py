@@ -122,17 +122,22 @@ class CheckContext:
 
     @property
     def in_fingers_m2(self) -> Floats:
-        """(M,) float64 the target's seen surface where each hand's fingers are, m2."""
+        """(M,) float64 the target's seen surface, a mask's rim too, where the fingers are, m2."""
         return self._held[1]
 
     @cached_property
     def _held(self) -> tuple[Floats, Floats]:
         T, gripper = self.candidates.T_base_gripper, self.gripper
         points = np.ascontiguousarray(self.scene.points[self.target_mask])
-        held, inside = np.zeros((2, len(T)), dtype=np.int64)
+        rim = np.ascontiguousarray(self.scene.points[~self.obstacle_mask & ~self.scene.floor_mask])
+        held, inside, unused = np.zeros((3, len(T)), dtype=np.int64)
         count_held(
             np.ascontiguousarray(T), points, gripper.half_m, gripper.max_opening_m, HELD_TIP_M,
-            HELD_MIDDLE_M, held, inside,
+            HELD_MIDDLE_M, held, unused,
+        )  # fmt: skip
+        count_held(
+            np.ascontiguousarray(T), rim, gripper.half_m, gripper.max_opening_m, HELD_TIP_M,
+            HELD_MIDDLE_M, unused, inside,
         )  # fmt: skip
         area_m2 = self.scene.point_area_m2(points)
         return readonly(held * area_m2), readonly(inside * area_m2)
