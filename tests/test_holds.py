@@ -18,6 +18,7 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
 from boxgrasp.kernels.held import count_held, surfaces_ahead
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES
+from boxgrasp.perception.target import find_target
 from boxgrasp.selector import SceneAnalysis
 from boxgrasp.simulate import cast
 from boxgrasp.simulate.camera import intrinsics_matrix, look_at
@@ -180,3 +181,23 @@ def test_a_sparse_cloud_is_counted_by_its_spacing(spacing_m: float) -> None:
     area_m2 = len(points) * analysis.scene.point_area_m2(points)
     assert area_m2 == pytest.approx(20e-4, rel=0.25)
     assert analysis.scene.point_area_m2(points[:1]) >= 9e-6
+
+
+@pytest.mark.parametrize("moved", ["shrunk", "shifted"])
+def test_what_a_ragged_mask_leaves_out_is_no_obstacle(moved: str) -> None:
+    """Three pixels of a top that is seen aslant from 1.2 m are 2 cm of it."""
+    T = look_at((-0.3, 0.0, 0.5), (0.8, 0.0, 0.1))
+    view = cast([Plane(0.0), box(0.8, 0.0, (0.0, 0.10), (0.12, 0.10))], K, T)
+    capture = Capture(np.array(view.depth), K, T)
+    true = np.asarray(view.object_ids == 1)
+    mask = true.copy()
+    for axis, by in ((0, 3), (0, -3), (1, 3), (1, -3)):
+        mask &= np.roll(true, by, axis)
+    if moved == "shifted":
+        mask = np.roll(true, (3, 2), (0, 1))
+    scene = GraspSelector().scene(capture)
+    whole = find_target(scene, capture, Target(mask=true)).target_mask
+    found = find_target(scene, capture, Target(mask=mask))
+    left = whole & ~found.target_mask
+    assert np.count_nonzero(left) > 50
+    assert np.count_nonzero(left & found.obstacle_mask) <= 0.02 * np.count_nonzero(left)
