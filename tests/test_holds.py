@@ -15,8 +15,9 @@ from boxgrasp.grasps.candidates import FRONT, Candidates
 from boxgrasp.grasps.checks import CheckContext
 from boxgrasp.grasps.checks.fingers_free import FingersFree
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.held import points_in_hand
 from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
-from boxgrasp.kernels.held import count_held, surfaces_ahead
+from boxgrasp.kernels.held import surfaces_ahead
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES
 from boxgrasp.perception.target import find_target
 from boxgrasp.selector import SceneAnalysis
@@ -40,8 +41,6 @@ def test_the_kernels_agree_with_plain_geometry(seed: int) -> None:
     points = rng.uniform(-0.12, 0.12, (int(rng.integers(0, 400)), 3)).astype(np.float32)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     poses = np.array([make_transform(turn, rng.uniform(-0.05, 0.05, 3)) for _ in range(4)])
-    held, outside = np.zeros((2, 4), dtype=np.int64)
-    count_held(poses, points, HAND.half_m, HAND.max_opening_m, 0.015, 0.01, held, outside)
     ahead = np.empty((4, 3))
     surfaces_ahead(poses, points, HAND.half_m, HAND.max_opening_m, 0.01, 12, 8, 3, ahead)
     for m, T in enumerate(poses):
@@ -49,8 +48,9 @@ def test_the_kernels_agree_with_plain_geometry(seed: int) -> None:
         box = np.abs((x, y, z)) <= HAND.half_m[:, None] + 1e-9
         between = np.abs(y) <= HAND.max_opening_m / 2
         tips = (x >= HAND.half_m[0] - 0.015) & (np.abs(z) <= 0.01)
-        assert held[m] == np.count_nonzero(box.all(axis=0) & between & tips)
-        assert outside[m] == np.count_nonzero(box.all(axis=0) & ~between)
+        held, in_fingers = points_in_hand(T, points, HAND)
+        assert held.tolist() == (box.all(axis=0) & between & tips).tolist()
+        assert in_fingers.tolist() == (box.all(axis=0) & ~between).tolist()
         beside = box[1] & box[2]
         expected = [np.nan] * 3
         middle = np.sort(x[beside & between & (np.abs(z) <= 0.01)])

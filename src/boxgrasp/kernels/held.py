@@ -20,38 +20,37 @@ def _in_hand(T: Floats, points: Points, n: int) -> tuple[float, float, float]:
 
 
 @jit
-def count_held(
+def mark_in_hand(
     T_base_gripper: Floats,
     points: Points,
     half_m: Floats,
     opening_m: float,
     tip_m: float,
     middle_m: float,
-    held: NDArray[np.int64],
-    outside: NDArray[np.int64],
+    held: NDArray[np.bool_],
+    in_fingers: NDArray[np.bool_],
 ) -> None:
-    """Count the points between each hand's fingers, and those where its fingers are.
+    """Mark the points between a hand's fingertips, and those where its fingers are.
 
     Args:
-        T_base_gripper: (M, 4, 4) float64.
+        T_base_gripper: (4, 4) float64.
         points: (N, 3) float32, base frame, m.
         half_m: (3,) float64 half sizes of the hand's box, m.
         opening_m: between the fingers, m.
         tip_m: length of the fingers' last stretch, which must hold something, m.
         middle_m: how far from the hand's mid-plane a point is held in the middle, m.
-        held: (M,) to fill with the points between the fingers' last stretches, in the middle.
-        outside: (M,) to fill with the points in the hand's box beyond the opening.
+        held: (N,) to fill: between the fingers' last stretches, in the middle.
+        in_fingers: (N,) to fill: in the hand's box beyond the opening.
     """
-    for m in range(T_base_gripper.shape[0]):
-        held[m] = outside[m] = 0
-        for n in range(points.shape[0]):
-            along, across, off = _in_hand(T_base_gripper[m], points, n)
-            if abs(along) > half_m[0] or abs(across) > half_m[1] or abs(off) > half_m[2]:
-                continue
-            if abs(across) > opening_m / 2:
-                outside[m] += 1
-            elif abs(off) <= middle_m and along >= half_m[0] - tip_m:
-                held[m] += 1
+    for n in range(points.shape[0]):
+        along, across, off = _in_hand(T_base_gripper, points, n)
+        held[n] = in_fingers[n] = False
+        if abs(along) > half_m[0] or abs(across) > half_m[1] or abs(off) > half_m[2]:
+            continue
+        if abs(across) > opening_m / 2:
+            in_fingers[n] = True
+        elif abs(off) <= middle_m and along >= half_m[0] - tip_m:
+            held[n] = True
 
 
 @jit

@@ -15,13 +15,10 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.grasps.candidates import Candidates
 from boxgrasp.grasps.checks.check import NO_OBJECT, Witness
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.kernels.held import count_held
+from boxgrasp.grasps.held import points_in_hand
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
 from boxgrasp.perception.scene import Scene
-
-HELD_TIP_M = 0.015  # m, the fingers' last stretch, between which the target must be
-HELD_MIDDLE_M = 0.010  # m from the hand's mid-plane: what lies farther off is held by an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,20 +124,14 @@ class CheckContext:
 
     @cached_property
     def _held(self) -> tuple[Floats, Floats]:
-        T, gripper = self.candidates.T_base_gripper, self.gripper
-        points = np.ascontiguousarray(self.scene.points[self.target_mask])
+        own = np.ascontiguousarray(self.scene.points[self.target_mask])
         rim = np.ascontiguousarray(self.scene.points[~self.obstacle_mask & ~self.scene.floor_mask])
-        held, inside, unused = np.zeros((3, len(T)), dtype=np.int64)
-        count_held(
-            np.ascontiguousarray(T), points, gripper.half_m, gripper.max_opening_m, HELD_TIP_M,
-            HELD_MIDDLE_M, held, unused,
-        )  # fmt: skip
-        count_held(
-            np.ascontiguousarray(T), rim, gripper.half_m, gripper.max_opening_m, HELD_TIP_M,
-            HELD_MIDDLE_M, unused, inside,
-        )  # fmt: skip
-        area_m2 = self.scene.point_area_m2(points)
-        return readonly(held * area_m2), readonly(inside * area_m2)
+        counts = np.empty((len(self.candidates.T_base_gripper), 2))
+        for m, T in enumerate(self.candidates.T_base_gripper):
+            counts[m, 0] = np.count_nonzero(points_in_hand(T, own, self.gripper)[0])
+            counts[m, 1] = np.count_nonzero(points_in_hand(T, rim, self.gripper)[1])
+        held_m2, in_fingers_m2 = counts.T * self.scene.point_area_m2(own)
+        return readonly(held_m2), readonly(in_fingers_m2)
 
     @cached_property
     def _columns(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
