@@ -23,8 +23,8 @@ from boxgrasp.draw.canvas import Canvas, Look, Stroke
 from boxgrasp.draw.cards import legend_card
 from boxgrasp.draw.clouds import base_cloud
 from boxgrasp.draw.evidence import draw_marks, marks_of
-from boxgrasp.draw.marks import draw_hand
-from boxgrasp.draw.palette import BLOCKED, CATEGORY, GRIPPER, OBSTACLE, SHAPE, WHITE
+from boxgrasp.draw.marks import draw_candidates, draw_hand
+from boxgrasp.draw.palette import BLOCKED, CATEGORY, GRIPPER, HELD, OBSTACLE, SHAPE, WHITE
 from boxgrasp.draw.planar import clip_to, dashes, hull
 from boxgrasp.draw.shapes import EDGES, Hand, contact_line, corners, face_point, fingers
 from boxgrasp.draw.text import Lettering, fit, text_size, wrap
@@ -328,6 +328,8 @@ def test_categories_stay_apart_for_the_color_blind(eye: str) -> None:
         assert np.linalg.norm(as_seen(a, eye) - as_seen(b, eye)) > 25
     for hand in CATEGORY.values():
         assert np.linalg.norm(as_seen(hand, eye) - as_seen(GRIPPER, eye)) > 25
+    for other in (*CATEGORY.values(), GRIPPER, BLOCKED, OBSTACLE, WHITE):
+        assert np.linalg.norm(as_seen(other, eye) - as_seen(HELD, eye)) > 20
 
 
 def test_the_check_on_colors_can_fail() -> None:
@@ -631,6 +633,71 @@ class Elsewhere(KeepOut):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         return CheckResult.at_least(np.full(len(context.candidates.label), 0.01), 0.05)
+
+
+SIDES = {"camera": PANEL, "above": (936, 84, 1588, 724), "side": (936, 738, 1588, 1218)}
+HOLDS = CheckValue(9e-4, 1.4e-4, "m2", True, None, None)
+
+
+@cache
+def selected() -> Selection:
+    return GraspSelector().select(captured(), Target(pixel=captured().target_pixel))
+
+
+@pytest.mark.parametrize("kind", SIDES)
+def test_what_is_held_is_shown_in_every_panel(kind: str) -> None:
+    """And only where the check was made: without it the same pictures have none of its color."""
+    answer = selected()
+    assert answer.shown is not None
+    unmade = {k: v for k, v in answer.shown.checks.items() if k != "holds"}
+    bare = dataclasses.replace(answer.shown, checks=unmade)
+    rows = tuple(bare if c is answer.shown else c for c in answer.candidates)
+    for other in (answer, dataclasses.replace(answer, candidates=rows)):
+        count = count_of(draw_selection(captured(), other).crop(SIDES[kind]), HELD)
+        assert count > 150 if other is answer else count == 0
+
+
+def test_a_hand_that_holds_nothing_shows_nothing_held() -> None:
+    """The legend says so; the same hand at the target says how much."""
+    far = make_transform(np.eye(3), (0.3, 0.0, 0.3)) @ made().candidate(2).T_base_gripper
+    for T, holds in (
+        (far, dataclasses.replace(HOLDS, value=0.0, passed=False)),
+        (made().candidate(2).T_base_gripper, HOLDS),
+    ):
+        answer = with_checks(made(), 2, holds=holds)
+        rows = list(answer.candidates)
+        rows[1] = dataclasses.replace(rows[1], T_base_gripper=T)
+        moved = dataclasses.replace(answer, candidates=tuple(rows), grasp=grasp_of(rows[1]))
+        picture = draw_selection(captured(), moved)
+        counts = [count_of(picture.crop(place), HELD) for place in SIDES.values()]
+        assert max(counts) == 0 if T is far else min(counts) > 50
+        assert count_of(legend_card(moved, 652), HELD) > 100
+    assert count_of(legend_card(made(), 652), HELD) == 0
+
+
+def test_the_legend_says_how_much_is_held() -> None:
+    less = dataclasses.replace(HOLDS, value=2.3e-4)
+    cards = [legend_card(with_checks(made(), 2, holds=said), 652) for said in (HOLDS, less)]
+    assert cards[0].size == cards[1].size and cards[0].tobytes() != cards[1].tobytes()
+
+
+def test_marks_keep_off_what_is_held() -> None:
+    """A patch is put where the shown candidate's mark would be: it moves, and is drawn."""
+    selection, size = made(), (600, 600)
+    view = plan_view("above", corners(selection.box.T_base_box, np.full(3, 0.3)), size, 0.3)
+    own = face_point(selection.candidate(2), selection.box)
+    patch = own + np.random.default_rng(0).uniform(-0.01, 0.01, (500, 3))
+    xy, _ = view.project(patch)
+    marked = []
+    for held in (patch[:0], patch):
+        canvas = Canvas(Image.new("RGB", size, WHITE))
+        draw_candidates(canvas, view, selection, held.astype(np.float32), "above")
+        marked.append((pixels(canvas.finish()) != 255).any(axis=2))
+    inside = np.zeros(size, bool)
+    inside[np.rint(xy[:, 1]).astype(int), np.rint(xy[:, 0]).astype(int)] = True
+    before, after = ((mark & inside).sum() for mark in marked)
+    assert before > 50 and after < 0.3 * before
+    assert marked[1].sum() > 0.9 * marked[0].sum()
 
 
 def test_pictures_measure_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boxgrasp import Capture, GraspSelector, Target
+from boxgrasp import Capture, GraspSelector, Target, load_capture
+from boxgrasp.draw.clouds import base_cloud
+from boxgrasp.draw.evidence import held_points
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import FRONT, Candidates
 from boxgrasp.grasps.checks import CheckContext
@@ -20,6 +24,7 @@ from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
 from boxgrasp.kernels.held import surfaces_ahead
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES
 from boxgrasp.perception.target import find_target
+from boxgrasp.result import Refusal, Selection
 from boxgrasp.selector import SceneAnalysis
 from boxgrasp.simulate import cast
 from boxgrasp.simulate.camera import intrinsics_matrix, look_at
@@ -170,6 +175,66 @@ def test_a_grasp_across_a_wider_part_is_refused() -> None:
     # What is known to be too wide is told by its width alone.
     told = context.check_results
     assert told["fingers_free"].passed[front].all() and not told["width"].passed[front].any()
+
+
+def gap_m(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(N,) distance from each point to the nearest of others, m."""
+    off = points[:, None].astype(np.float64) - others[None]
+    return np.asarray(np.sqrt((off**2).sum(axis=2)).min(axis=1))
+
+
+def shown_as(answer: Selection, label: int) -> Selection:
+    """The same answer, with another candidate in its picture."""
+    refusal = Refusal("no_candidate_passes", "", label, ())
+    return replace(answer, grasp=None, refusal=refusal)
+
+
+@pytest.mark.parametrize("seed", [None, 0])
+def test_pictures_show_the_targets_own_points_between_the_fingertips(seed: int | None) -> None:
+    """Its pixels are known and are projected here; a thing 1 cm beside it is never shown."""
+    T = look_at((0.1, 0.0, 0.55), (0.8, 0.0, 0.05))
+    thing = box(0.8, 0.0, (0.0, 0.12), (0.06, 0.08))
+    beside = Box(upright(0.8, 0.08, 0.06), np.array((0.06, 0.06, 0.12)), object_id=2)
+    view = cast([Plane(0.0), thing, beside], K, T)
+    depth = np.array(view.depth)
+    if seed is not None:
+        depth = add_noise(depth, np.random.default_rng(seed))
+    capture = Capture(depth, K, T)
+    answer = GraspSelector().select(capture, Target(mask=view.object_ids == 1))
+    v, u = np.nonzero((view.object_ids == 1) & (depth > 0))
+    rays = np.column_stack((u, v, np.ones(len(u)))) @ np.linalg.inv(K).T
+    own = (rays * depth[v, u, None]) @ T[:3, :3].T + T[:3, 3]
+    cloud = base_cloud(capture, T).points
+    some = 0
+    for candidate in answer.candidates:
+        x, y, z = in_hand(candidate.T_base_gripper, own).T
+        tips = (x >= HAND.half_m[0] - 0.015) & (x <= HAND.half_m[0])
+        expected = own[tips & (np.abs(y) <= HAND.max_opening_m / 2) & (np.abs(z) <= 0.01)]
+        shown = held_points(shown_as(answer, candidate.label), cloud)
+        assert len(shown) <= len(expected) and len(shown) >= 0.95 * len(expected) - 2
+        if len(shown):
+            some += 1
+            assert gap_m(shown, expected).max() < 1e-5
+    assert some >= 6
+
+
+def test_pictures_of_real_captures_show_what_is_counted(captures_dir: Path) -> None:
+    selector, counted = GraspSelector(), 0
+    for name, number in itertools.product(("uois_00", "6dofgn_cheezit", "posecnn_02"), (1, 2)):
+        capture = load_capture(captures_dir / name)
+        if number > len(selector.objects(capture)):
+            continue
+        analysis = selector.analyze(capture, Target(object=number))
+        answer = selector.select(capture, Target(object=number))
+        cloud = base_cloud(capture, answer.T_base_camera).points
+        own = analysis.scene.points[analysis.target_points.target_mask]
+        for candidate in answer.passing:
+            held = own[points_in_hand(candidate.T_base_gripper, own, HAND)[0]]
+            shown = held_points(shown_as(answer, candidate.label), cloud)
+            assert np.count_nonzero(gap_m(held, shown) > 0.005) <= 0.02 * len(held)
+            assert np.count_nonzero(gap_m(shown, held) > 0.005) <= 0.05 * len(shown)
+            counted += 1
+    assert counted >= 5
 
 
 @pytest.mark.parametrize("spacing_m", [0.003, 0.007])

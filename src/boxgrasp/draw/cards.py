@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Final
 from boxgrasp.draw.canvas import Canvas, Look, Stroke
 from boxgrasp.draw.page import blank
 from boxgrasp.draw.palette import (
+    BLACK,
     BLOCKED,
     CATEGORY,
     FAINT,
     GRIPPER,
+    HELD,
     INK,
     OBSTACLE,
     RULE,
@@ -24,6 +26,7 @@ from boxgrasp.draw.text import Lettering, fit, text_size, wrap
 from boxgrasp.draw.words import UNMEASURED, look_of, measured, visible_clearance
 from boxgrasp.grasps.candidates import FACES, face_name
 from boxgrasp.grasps.checks.check import spelled
+from boxgrasp.grasps.checks.holds import Holds
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.result import Candidate, CheckValue, Selection
 
@@ -226,16 +229,18 @@ def legend_card(selection: Selection, width: int) -> Image:
     ]
     if any(visible_clearance(candidate) is None for candidate in selection.candidates):
         marks.append((UNMEASURED, "diamond: clearance not measured"))
-    canvas = blank(width, 12 + 28 * len(marks))
+    lines = _lines(selection)
+    notes = ("lines on the box: where the fingers close", "numbers: labels of the candidates")
+    canvas = blank(width, 12 + 28 * max(len(marks), len(lines) + len(notes)))
     for k, (look, words) in enumerate(marks):
         canvas.mark((20, 20.0 + 28 * k), look, 8)
         canvas.text((38, 10.0 + 28 * k), words, _BODY)
     x = width / 2 + 10
-    for k, (stroke, words) in enumerate(_lines(selection)):
+    for k, (stroke, words) in enumerate(lines):
         canvas.line((x, 20.0 + 28 * k), (x + 34, 20.0 + 28 * k), stroke)
         canvas.text((x + 44, 10.0 + 28 * k), words, _BODY)
-    canvas.text((x, 10.0 + 28 * 3), "lines on the box: where the fingers close", _BODY)
-    canvas.text((x, 10.0 + 28 * 4), "numbers: labels of the candidates", _BODY)
+    for k, words in enumerate(notes, len(lines)):
+        canvas.text((x, 10.0 + 28 * k), words, _BODY)
     return canvas.finish()
 
 
@@ -249,4 +254,9 @@ def _lines(selection: Selection) -> tuple[tuple[Stroke, str], ...]:
         way = Hand(selection.gripper, grasp.T_base_gripper, grasp.T_base_pregrasp).approach_m
         hand = (Stroke(GRIPPER, 4.0), f"gripper; faint: {100 * way:.3g} cm before")
     box = (Stroke(WHITE, 4.0, halo=INK), "box round the target")
-    return hand, box, (Stroke(OBSTACLE, 4.0), why)
+    lines = (hand, box, (Stroke(OBSTACLE, 4.0), why))
+    holds = None if shown is None else shown.checks.get(Holds.name)
+    if holds is None:
+        return lines
+    words = f"held by the fingertips, {measured(holds.value, holds.unit)}"
+    return (*lines, (Stroke(HELD, 8.0, halo=BLACK), words))

@@ -10,21 +10,25 @@ import numpy as np
 
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.draw.canvas import Canvas, Stroke
-from boxgrasp.draw.palette import BLACK, OBSTACLE, WHITE
+from boxgrasp.draw.palette import BLACK, HELD, OBSTACLE, RGB, WHITE
 from boxgrasp.draw.planar import XY
 from boxgrasp.draw.shapes import Hand, contact_line
 from boxgrasp.draw.text import Lettering
 from boxgrasp.draw.views import View
 from boxgrasp.draw.words import measured, visible_clearance
+from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.checks.approach_clearance import ApproachClearance
 from boxgrasp.grasps.checks.check import Rejection
+from boxgrasp.grasps.checks.holds import Holds
 from boxgrasp.grasps.checks.width import Width
 from boxgrasp.grasps.checks.width_known import WidthKnown
+from boxgrasp.grasps.held import points_in_hand
 from boxgrasp.result import Candidate, Selection
 
 _PATCH_M: Final = 0.02  # round an obstacle's nearest point, so that one sees which thing it is
 _NEAR_M: Final = 0.20
 _DOTS: Final = 150
+_SLACK_M: Final = 0.002  # of a box: it is fitted to the means of 3 mm voxels
 _TOUCHES_M: Final = 0.002
 _SAME_PLACE_PX: Final = 14.0
 _WIDTHS: Final = (Width.name, WidthKnown.name)
@@ -94,6 +98,38 @@ def _rejected(selection: Selection, shown: Candidate, rejection: Rejection) -> M
     return Mark(rejection.sentence, point, on_hand, is_obstacle=is_obstacle)
 
 
+def held_points(selection: Selection, points: Points) -> Points:
+    """The target's seen points that the check `holds` counts for the shown candidate.
+
+    An answer names no points: those in the target's box are taken for its own. On casts and real
+    captures, of candidates that pass, this gave all that were counted, and 1 of 1000 besides.
+
+    Args:
+        selection: the answer.
+        points: (N, 3) float32 of the capture, base frame, m.
+
+    Returns:
+        (M, 3) float32, base frame, m; none where that check was not made.
+    """
+    shown, box = selection.shown, selection.box
+    if shown is None or Holds.name not in shown.checks:
+        return points[:0]
+    local = np.abs(transform(invert(box.T_base_box), points))
+    own = points[(local <= box.dimensions_m / 2 + _SLACK_M).all(axis=1)]
+    return own[points_in_hand(shown.T_base_gripper, own, selection.gripper)[0]]
+
+
+def dot_held(canvas: Canvas, view: View, points: Points) -> None:
+    """Dot what is held.
+
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        points: of `held_points`.
+    """
+    _dots(canvas, view, points, HELD)
+
+
 def dot_obstacles(canvas: Canvas, view: View, points: Points, marks: Iterable[Mark]) -> None:
     """Dot the seen points round each obstacle's nearest one; drawn under all else.
 
@@ -108,10 +144,15 @@ def dot_obstacles(canvas: Canvas, view: View, points: Points, marks: Iterable[Ma
             continue
         off = points - mark.point_m.astype(np.float32)
         patch = points[np.einsum("ij,ij->i", off, off) < _PATCH_M**2]
-        for x, y in view.project(patch[:: -(-len(patch) // _DOTS) or 1])[0].tolist():
-            if not np.isnan(x):
-                canvas.dot((x, y), 2.6, BLACK, 160)
-                canvas.dot((x, y), 1.8, OBSTACLE)
+        _dots(canvas, view, patch[:: -(-len(patch) // _DOTS) or 1], OBSTACLE)
+
+
+def _dots(canvas: Canvas, view: View, points: Points, color: RGB) -> None:
+    """Dots with dark edges; where they are dense, an area with a dark edge."""
+    places = [(x, y) for x, y in view.project(points)[0].tolist() if not np.isnan(x)]
+    for radius, fill in ((2.9, BLACK), (1.8, color)):
+        for at in places:
+            canvas.dot(at, radius, fill)
 
 
 def draw_marks(canvas: Canvas, view: View, selection: Selection, marks: Iterable[Mark]) -> None:

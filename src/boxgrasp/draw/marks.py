@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from boxgrasp.arrays import Floats
+from boxgrasp.arrays import Floats, Points
 from boxgrasp.draw.canvas import Canvas, Look, Stroke
 from boxgrasp.draw.palette import BLACK, RGB, WHITE
 from boxgrasp.draw.planar import XY, hull
@@ -29,6 +29,8 @@ from boxgrasp.grasps.candidates import TOP_PERPENDICULAR
 from boxgrasp.result import Candidate, Selection, TargetBox
 
 _CROWD: Final = 30  # candidates, from which on marks are small and go without their numbers
+_CELL_PX: Final = 5.0  # of the places that stand for what is held
+_RING_PX: Final = 4.5  # from the shown candidate's mark to the ring round it
 _LARGER: Final = 1.35  # the shown candidate's mark beside the others
 _LETTERING: Final = Lettering(13, WHITE, halo=BLACK)
 _SEEN_EDGE: Final = Stroke(WHITE, 3.0, halo=BLACK)
@@ -120,20 +122,47 @@ class _Placed:
     at: XY
 
 
-def draw_candidates(canvas: Canvas, view: View, selection: Selection, kind: str) -> None:
-    """Draw each candidate's line on its face, and a mark beside it that covers no other one.
+def draw_contacts(
+    canvas: Canvas, view: View, candidates: Iterable[Candidate], box: TargetBox
+) -> None:
+    """Draw the candidates' lines on the faces that are seen, where the fingers close.
+
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        candidates: which.
+        box: the target's.
+    """
+    for candidate in candidates:
+        line = contact_line(candidate, box)
+        if view.faces(line.mean(axis=0), -candidate.T_base_gripper[:3, 0]) < 0.08:
+            continue
+        ends = view.segment(*line)
+        if ends is not None:
+            dash = None if candidate.passed else (5.0, 4.0)
+            canvas.line(*ends, Stroke(look_of(candidate).color, 2.2, halo=BLACK, dash=dash))
+
+
+def draw_candidates(
+    canvas: Canvas, view: View, selection: Selection, held: Points, kind: str
+) -> None:
+    """Draw a mark beside each candidate's line.
+
+    It covers no other one; where there is room, it and its number cover nothing that is held.
 
     Args:
         canvas: the panel.
         view: of the panel.
         selection: the answer.
+        held: (M, 3) float32, base frame, m, what the shown hand holds.
         kind: `camera`, `above` or `side`; from the side only the marks that say something there.
     """
     candidates, shown = selection.candidates, selection.shown
-    for candidate in candidates:
-        _contact(canvas, view, candidate, selection.box)
     radius = _radius(view, selection.box, len(candidates))
     placed: list[_Placed] = []
+    held_px = _thinned(view.project(held)[0])
+    for x, y in held_px.tolist():
+        canvas.take((x, y), _CELL_PX / 2)
     for candidate in sorted(candidates, key=lambda item: (item is not shown, item.label)):
         if kind == "side" and candidate is not shown and _behind(view, candidate):
             continue
@@ -141,7 +170,7 @@ def draw_candidates(canvas: Canvas, view: View, selection: Selection, kind: str)
         foot, direction = _spot(view, candidate, selection.box)
         if foot is None:
             continue
-        at = _free(canvas, foot, direction, size, [other.at for other in placed])
+        at = _free(canvas, foot, direction, size, [other.at for other in placed], held_px)
         if at is not None:
             placed.append(_Placed(candidate, look_of(candidate), size, foot, at))
     _draw_placed(canvas, placed, shown)
@@ -156,7 +185,7 @@ def _draw_placed(canvas: Canvas, placed: Sequence[_Placed], shown: Candidate | N
             canvas.line(mark.foot, mark.at, Stroke(BLACK, 1.2, alpha=170))
     for mark in placed:
         if mark.candidate is shown:
-            canvas.ring(mark.at, mark.radius + 4.5, WHITE, 2.5)
+            canvas.ring(mark.at, mark.radius + _RING_PX, WHITE, 2.5)
         canvas.mark(mark.at, mark.look, mark.radius)
         canvas.take(mark.at, mark.radius + 3)
 
@@ -177,16 +206,6 @@ def _behind(view: View, candidate: Candidate) -> bool:
     return view.faces(candidate.T_base_gripper[:3, 3], -candidate.T_base_gripper[:3, 0]) < -0.5
 
 
-def _contact(canvas: Canvas, view: View, candidate: Candidate, box: TargetBox) -> None:
-    line = contact_line(candidate, box)
-    if view.faces(line.mean(axis=0), -candidate.T_base_gripper[:3, 0]) < 0.08:
-        return
-    ends = view.segment(*line)
-    if ends is not None:
-        dash = None if candidate.passed else (5.0, 4.0)
-        canvas.line(*ends, Stroke(look_of(candidate).color, 2.2, halo=BLACK, dash=dash))
-
-
 def _spot(view: View, candidate: Candidate, box: TargetBox) -> tuple[XY | None, XY]:
     """Where a candidate's mark belongs, px, and the way to push it when that is taken."""
     approach, opening = candidate.T_base_gripper[:3, 0], candidate.T_base_gripper[:3, 1]
@@ -203,11 +222,21 @@ def _spot(view: View, candidate: Candidate, box: TargetBox) -> tuple[XY | None, 
     return a, (0.0, -1.0) if length < 3.0 else (dx / length, dy / length)
 
 
+def _thinned(xy: Floats) -> Floats:
+    """(M, 2) px, one place a cell of some pixels: enough to keep marks off them."""
+    seen = xy[~np.isnan(xy).any(axis=1)]
+    return np.unique(np.rint(seen / _CELL_PX), axis=0) * _CELL_PX
+
+
 def _free(
-    canvas: Canvas, foot: XY, direction: XY, radius: float, placed: Sequence[XY]
+    canvas: Canvas, foot: XY, direction: XY, radius: float, placed: Sequence[XY], held_px: Floats
 ) -> XY | None:
-    """The first place from the foot outwards that is inside and touches no other mark."""
+    """The first place from the foot outwards that is inside and touches no other mark.
+
+    One that covers what is held only where there is no other.
+    """
     apart, edge = 2 * radius + 5, radius + 4
+    covering = None
     for turn in (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6):
         c, s = float(np.cos(turn)), float(np.sin(turn))
         dx, dy = direction[0] * c - direction[1] * s, direction[0] * s + direction[1] * c
@@ -216,6 +245,9 @@ def _free(
             x, y = foot[0] + dx * away, foot[1] + dy * away
             if not (edge < x < canvas.width - edge and edge < y < canvas.height - edge):
                 continue
-            if all(np.hypot(x - other[0], y - other[1]) >= apart for other in placed):
+            if any(np.hypot(x - other[0], y - other[1]) < apart for other in placed):
+                continue
+            if (np.hypot(*(held_px - (x, y)).T) > radius + _RING_PX + _CELL_PX).all():
                 return x, y
-    return None
+            covering = covering or (x, y)
+    return covering

@@ -24,6 +24,7 @@ CATEGORY: Final[dict[str, RGB]] = {
 GRIPPER: Final[RGB] = (0, 114, 178)
 BLOCKED: Final[RGB] = (213, 94, 0)
 OBSTACLE: Final[RGB] = (204, 121, 167)
+HELD: Final[RGB] = (86, 180, 233)
 
 SHAPE: Final[dict[str, str]] = {"green": "circle", "yellow": "triangle", "red": "square"}
 WORD: Final[dict[str, str]] = {"green": "safe", "yellow": "feasible", "red": "too close"}

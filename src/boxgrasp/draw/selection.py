@@ -13,9 +13,9 @@ from boxgrasp.draw.backdrops import Backdrop, camera_panel
 from boxgrasp.draw.canvas import Canvas
 from boxgrasp.draw.cards import candidates_card, checks_card, facts_card, legend_card
 from boxgrasp.draw.clouds import Cloud, base_cloud, painted
-from boxgrasp.draw.evidence import dot_obstacles, draw_marks, marks_of
+from boxgrasp.draw.evidence import dot_held, dot_obstacles, draw_marks, held_points, marks_of
 from boxgrasp.draw.files import encoded, save, validate_place
-from boxgrasp.draw.marks import draw_box, draw_candidates, draw_hand
+from boxgrasp.draw.marks import draw_box, draw_candidates, draw_contacts, draw_hand
 from boxgrasp.draw.page import MARGIN, Page
 from boxgrasp.draw.palette import BLACK, BLOCKED, GRIPPER, WHITE
 from boxgrasp.draw.scales import draw_grid
@@ -85,6 +85,7 @@ class _Picture:
         self.floor_m = float(self.box.T_base_box[2, 3] - self.box.dimensions_m[2] / 2)
         self.cloud = base_cloud(capture, selection.T_base_camera)
         self.marks = marks_of(selection)
+        self.held = held_points(selection, self.cloud.points)
 
     @cached_property
     def hand(self) -> Hand | None:
@@ -154,12 +155,20 @@ class _Picture:
             draw_hand(canvas, view, self.hand, self.color, dashed=ask)
         if ask:
             dot_obstacles(canvas, view, self.cloud.points, self.marks)
-        draw_candidates(canvas, view, self.selection, kind)
+        self._close(canvas, view)
+        draw_candidates(canvas, view, self.selection, self.held, kind)
         draw_marks(canvas, view, self.selection, self.marks)
         if kind == "camera":
             self._name_things(canvas, view)
         canvas.text((8, 6), backdrop.caption, Lettering(19, WHITE, halo=BLACK))
         return canvas.finish()
+
+    def _close(self, canvas: Canvas, view: View) -> None:
+        """Where the fingers close, and what they hold: under the shown candidate's line alone."""
+        shown, candidates = self.selection.shown, self.selection.candidates
+        draw_contacts(canvas, view, (c for c in candidates if c is not shown), self.box)
+        dot_held(canvas, view, self.held)
+        draw_contacts(canvas, view, (c for c in candidates if c is shown), self.box)
 
     def _name_things(self, canvas: Canvas, view: View) -> None:
         top = self.box.T_base_box[:3, 3] + (0.0, 0.0, self.box.dimensions_m[2] / 2)
