@@ -8,7 +8,7 @@ from PIL import Image
 
 from boxgrasp import GraspSelector
 from boxgrasp.draw import draw_objects, draw_selection
-from boxgrasp.draw.palette import CATEGORY, GRIPPER, OBSTACLE
+from boxgrasp.draw.palette import CATEGORY, GRIPPER, HELD, OBSTACLE
 from boxgrasp.simulate import demo_capture
 
 IMAGES = Path(__file__).parent / "images"
@@ -30,7 +30,7 @@ def main() -> None:
 
 def paletted(image: Image.Image) -> Image.Image:
     """The picture in 256 colors, those that mean something kept as they are."""
-    fixed = [*CATEGORY.values(), GRIPPER, OBSTACLE]
+    fixed = [*CATEGORY.values(), GRIPPER, OBSTACLE, HELD]
     own = image.quantize(256 - len(fixed), Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     colors = (own.getpalette() or [])[: 3 * (256 - len(fixed))]
     palette = Image.new("P", (1, 1))
