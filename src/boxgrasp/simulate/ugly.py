@@ -85,7 +85,6 @@ class _Placed:
     thing: Thing
     place: Floats
     reach_m: float
-    yaw: float
 
 
 def draw_view(rng: Rng, shape: tuple[int, int], focal_px: float | None = None) -> View:
@@ -190,9 +189,7 @@ def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
         table.put(thing, _at(*found), number)
         if found[2] == 0:
             table.taken[table.cells(thing.lattice + found)] = True
-        yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
-        reach = float(np.abs(thing.lattice[:, :2]).max())
-        placed.append(_Placed(thing, found, reach, yaw))
+        placed.append(_Placed(thing, found, float(np.abs(thing.lattice[:, :2]).max())))
     if rng.random() < 0.15:
         _wire(table, middle, rng)
     return placed
@@ -221,12 +218,16 @@ def _stacked(thing: Thing, placed: list[_Placed], rng: Rng) -> tuple[Thing, Floa
         if _LEAST_SCALE <= factor <= 1 / _LEAST_SCALE:
             thing, reach = thing.scaled(factor), reach * factor
         if rng.random() < 0.5:
-            yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
-            thing = thing.turned(rotation_z(under.yaw - yaw + float(rng.normal(0.0, 0.1))))
+            thing = _turned_as(under.thing, thing, float(rng.normal(0.0, 0.1)))
     if reach > 1.8 * under.reach_m:
         return thing, None
     off = rng.uniform(-spread, spread, 2) * under.reach_m
     return thing, under.place + (off[0], off[1], under.thing.top_m)
+
+
+def _turned_as(other: Thing, thing: Thing, off_rad: float) -> Thing:
+    """The thing, turned as another one is but for an angle."""
+    return thing.turned(rotation_z(other.yaw_rad - thing.yaw_rad + off_rad))
 
 
 def _carries(under: _Placed, placed: list[_Placed]) -> bool:
@@ -243,9 +244,8 @@ def _touching(
         return thing, None
     angle = rng.uniform(-np.pi, np.pi)
     if rng.random() < 0.6:
-        own = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
-        thing = thing.turned(rotation_z(beside.yaw - own + float(rng.normal(0.0, 0.04))))
-        angle = beside.yaw + rng.integers(4) * np.pi / 2
+        thing = _turned_as(beside.thing, thing, float(rng.normal(0.0, 0.04)))
+        angle = beside.thing.yaw_rad + rng.integers(4) * np.pi / 2
     points, way = thing.lattice, np.array([np.cos(angle), np.sin(angle), 0.0])
     across = np.array([-way[1], way[0], 0.0]) * rng.uniform(-0.5, 0.5) * beside.reach_m
     for away in np.arange(0.0, 0.35, _SLIDE_M):
