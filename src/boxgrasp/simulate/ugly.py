@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, raycast
 from boxgrasp.simulate.camera import SolidsSeen, look_at
 from boxgrasp.simulate.household import Rng, Thing, about_x, draw_small, draw_thing, spun
+from boxgrasp.simulate.primitives import Solids
 
 NO_THING = 0  # floor, tables, walls, chairs, the robot's own hand
 UNTOLD = -1  # wires: neither thing nor table
@@ -38,6 +39,8 @@ class View:
         focal_px: px.
         center_px: (2,) u, v where the optical axis meets the image; it may lie outside.
         T_table_camera: (4, 4), optical frame.
+        solids: P of them, all that is there, in the table's frame.
+        owners: (P,) int32, the thing that each solid is of, as in `things`.
     """
 
     depth_m: NDArray[np.float32]
@@ -45,6 +48,20 @@ class View:
     focal_px: float
     center_px: tuple[float, float]
     T_table_camera: Floats
+    solids: Solids
+    owners: NDArray[np.int32]
+
+    def solids_of(self, thing: int) -> Solids:
+        """The solids of a thing, hidden ones included.
+
+        Args:
+            thing: its number.
+
+        Returns:
+            Solids in the table's frame.
+        """
+        own, there = self.owners == thing, self.solids
+        return Solids(there.kinds[own], there.T_base_solid[own], there.sizes[own])
 
 
 @dataclass(eq=False)
@@ -121,15 +138,15 @@ def draw_view(rng: Rng, shape: tuple[int, int], focal_px: float | None = None) -
         center = ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     else:
         focal_px = float(np.clip(range_m / spacing_m, 180.0, 1200.0))
-    solids = SolidsSeen.of(
-        np.array(table.kinds, dtype=np.int32), np.array(table.poses), np.array(table.sizes), T
-    )
+    solids = Solids(np.array(table.kinds), np.array(table.poses), np.array(table.sizes))
+    rays = SolidsSeen.of(solids, T)
     focal = np.array([focal_px, focal_px, *center])
     depth, index = np.empty(shape), np.empty(shape, dtype=np.int32)
-    raycast(*solids.arrays, solids.rectangles(focal, shape), focal, 0, shape[0], depth, index)
-    numbers = np.array([*table.things, NO_THING], dtype=np.int32)
+    raycast(*rays.arrays, rays.rectangles(focal, shape), focal, 0, shape[0], depth, index)
+    owners = np.array([*table.things, NO_THING], dtype=np.int32)  # the last is of no solid met
     depth[~np.isfinite(depth)] = 0.0
-    return View(depth.astype(np.float32), numbers[index], focal_px, center, T)
+    seen = depth.astype(np.float32)
+    return View(seen, owners[index], focal_px, center, T, solids, readonly(owners[:-1]))
 
 
 def _rolled(T: Floats, rng: Rng) -> Floats:
