@@ -36,10 +36,10 @@ class HoldTruth:
 
     Attributes:
         contact_m2: (M, 2) of the pads, in the middle, that the target touches as the fingers close:
-            the finger at negative y, then the other.
-        middle_m2: (M,) of the pads, in the middle, that have the target between them.
-        between_m2: (M,) the same over the hand's whole thickness.
-        inside_m2: (M,) of the open fingers, over their whole length, that stand in the target.
+            the finger at negative y, then the other; m2.
+        middle_m2: (M,) of the pads, in the middle, that have the target between them, m2.
+        between_m2: (M,) the same over the hand's whole thickness, m2.
+        inside_m2: (M,) of the open fingers, over their whole length, that stand in the target, m2.
     """
 
     contact_m2: Floats
