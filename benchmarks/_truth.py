@@ -11,10 +11,12 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.simulate import (
     CandidateTruth,
+    Solids,
     TableScene,
     TrueCandidates,
     candidate_truth,
     draw_scene,
+    hold_truth,
     true_candidates,
 )
 
@@ -48,6 +50,10 @@ class Verdict:
     off_table: bool
     free_approach: bool
     fits: bool
+    on_air: bool
+    by_edge: bool
+    touching: bool
+    glancing: bool
 
     @property
     def good(self) -> bool:
@@ -84,6 +90,9 @@ def verdict(
 ) -> Verdict:
     """How good an answered pose (4, 4) is; safe: within 5 mm of u or more (u: strict score)."""
     truth = candidate_truth(judged_scene.scene, np.asarray(T_base_gripper)[None], gripper=gripper)
+    held = hold_truth(
+        Solids.of(judged_scene.scene.target), np.asarray(T_base_gripper)[None], gripper=gripper
+    )
     clearance = float(truth.clearance_m[0])
     u = min(GREEN_FROM_M, judged_scene.truth.best_m)
     return Verdict(
@@ -93,4 +102,8 @@ def verdict(
         off_table=bool(truth.plane_clearance_m[0] > 0),
         free_approach=bool(truth.approach_clearance_m[0] > 0),
         fits=bool(truth.fits[0]),
+        on_air=bool(held.on_air[0]),
+        by_edge=bool(held.by_edge[0]),
+        touching=bool(held.touching[0]),
+        glancing=bool(held.glancing[0]),
     )

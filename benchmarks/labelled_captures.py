@@ -189,10 +189,16 @@ class Grasps:
         self.answered: dict[str, list[bool]] = {}
         self.judged: dict[str, list[_held.Judged]] = {}
 
-    def ask(self, capture: Capture, labeled: _held.Labeled, number: int, name: str = "") -> None:
-        """Ask for one object in every way; name: of the capture, to print grasps that are bad."""
+    def ask(
+        self, capture: Capture, labeled: _held.Labeled, number: int, name: str = ""
+    ) -> dict[str, tuple[_held.Floats, _held.Judged]]:
+        """Ask for one object in every way; name: of the capture, to print grasps that are bad.
+
+        T_camera_gripper and its verdict by the ways that were answered by a grasp.
+        """
         mask = (labeled.labels == number) & depth_of(capture)
         gripper = self.selector.config.gripper
+        given = {}
         answerable = labeled.answerable(number, gripper)
         masks = {"mask": mask, **_held.ragged(mask)}
         ways = {"pixel": Target(pixel=_held.middle_pixel(mask))}
@@ -204,9 +210,11 @@ class Grasps:
             if T_camera_gripper is None:
                 continue
             found = labeled.judge(number, T_camera_gripper, gripper)
+            given[way] = T_camera_gripper, found
             self.judged.setdefault(way, []).append(found)
             if name and not found.good:
                 print(f"  {name:12} object {number} by {way}: {found}", flush=True)
+        return given
 
     def tell(self, name: str) -> None:
         """Print a line a way of asking."""

@@ -8,7 +8,9 @@ real captures show.
 
 `--grasps` asks for things in place of that, as `labelled_captures.py --grasps` does: those of 1500
 pixels and more that the image's border does not cut, in views within 1.3 m by the study's Xtion,
-held against what the camera would see without noise.
+held against what the camera would see without noise (`seen`), and against the exact surfaces of the
+thing, hidden sides included (`exact`). `--grasps --worst` prints the grasps that `exact` finds to
+hold nothing, and those of which the two say different things.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ import time
 from typing import Any
 
 import numpy as np
-from _held import Labeled
+from _held import Floats, Labeled
+from _held import Judged as HeldSeen
 from labelled_captures import (
     FIRST_OBJECT,
     LEAST_PX,
@@ -31,7 +34,9 @@ from labelled_captures import (
 from numpy.typing import NDArray
 
 from boxgrasp import Capture, GraspSelector
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.perception.segmentation import SEGMENTATIONS
+from boxgrasp.simulate import HoldTruth, hold_truth
 from boxgrasp.simulate.noise import add_noise
 from boxgrasp.simulate.sensors import Image, sensed
 from boxgrasp.simulate.ugly import View, draw_view
@@ -83,7 +88,59 @@ def objects(scenes: int, seed: int) -> None:
         print(told(name, results[name], times[name]))
 
 
-def grasps(scenes: int, seed: int) -> None:
+class Exact:
+    """What grasps hold by exact surfaces, by the way of asking."""
+
+    def __init__(self, gripper: Gripper) -> None:
+        self.gripper = gripper
+        self.found: dict[str, list[HoldTruth]] = {}
+        self.apart = 0
+
+    def judge(self, view: View, thing: int, given: dict[str, tuple[Floats, HeldSeen]]) -> list[str]:
+        """Judge the grasps of a thing; a line for each that holds nothing or is told otherwise."""
+        lines = []
+        for way, (T_camera_gripper, seen) in given.items():
+            T = view.T_table_camera @ T_camera_gripper
+            truth = hold_truth(view.solids_of(thing), T[None], gripper=self.gripper)
+            self.found.setdefault(way, []).append(truth)
+            said, exact = _word(seen.holds, seen.on_air, seen.by_an_edge), word(truth)
+            self.apart += said != exact
+            if said != exact or exact != "holds":
+                cm2 = np.round(np.concatenate(list(vars(truth).values()), axis=None) * 1e4, 2)
+                lines.append(
+                    f"thing {thing} by {way}: seen {said}, exact {exact} {cm2} cm2; "
+                    f"seen points {seen.held}, {seen.central}, {seen.outside}"
+                )
+        return lines
+
+    def tell(self, name: str) -> None:
+        """Print a line a way of asking."""
+        for way, of in self.found.items():
+            words = [word(truth) for truth in of]
+            shares = ", ".join(f"{kind} {words.count(kind) / len(of):.3f}" for kind in WORDS)
+            slipping = float(np.mean([truth.glancing[0] for truth in of]))
+            print(
+                f"{name:10} by {way:8} exact: of {len(of)} grasps: {shares}, "
+                f"glancing {slipping:.3f}",
+                flush=True,
+            )
+        print(f"{name:10} told otherwise by `seen`: {self.apart}", flush=True)
+
+
+WORDS = ("holds", "on air", "by an edge", "touching")
+
+
+def word(truth: HoldTruth) -> str:
+    """What is said of one pose."""
+    return _word(bool(truth.holds[0]), bool(truth.on_air[0]), bool(truth.by_edge[0]))
+
+
+def _word(holds: bool, on_air: bool, by_edge: bool) -> str:
+    said = (holds, on_air, by_edge, True)
+    return WORDS[said.index(True)]
+
+
+def grasps(scenes: int, seed: int, worst: bool) -> None:
     """Print a line for each way of asking: candidates at the surface, at the box, and unchecked.
 
     `unheld` is at the box, without the checks of what is held.
@@ -98,6 +155,7 @@ def grasps(scenes: int, seed: int) -> None:
         },
     }
     tallies = {name: Grasps(GraspSelector({**config, **own})) for name, own in ways.items()}
+    truths = {name: Exact(tally.selector.config.gripper) for name, tally in tallies.items()}
     rng, drawn = np.random.default_rng(seed), 0
     while drawn < scenes:
         view = draw_view(rng, (480, 640), FOCAL_PX)
@@ -113,10 +171,14 @@ def grasps(scenes: int, seed: int) -> None:
         for thing in np.flatnonzero(shown >= LARGE_PX).tolist():
             own = view.things == thing
             if not (own[[0, -1]].any() or own[:, [0, -1]].any()):
-                for tally in tallies.values():
-                    tally.ask(capture, labeled, thing + FIRST_OBJECT - 1)
+                for name, tally in tallies.items():
+                    given = tally.ask(capture, labeled, thing + FIRST_OBJECT - 1)
+                    for line in truths[name].judge(view, thing, given):
+                        if worst:
+                            print(f"  table {drawn} {name} {line}", flush=True)
     for name, tally in tallies.items():
         tally.tell(name)
+        truths[name].tell(name)
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -125,9 +187,13 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--grasps", action="store_true", help="judge answers, not objects")
+    parser.add_argument("--worst", action="store_true", help="with --grasps, print bad grasps")
     args = parser.parse_args(argv)
     print(f"{args.scenes} ugly tables, seed {args.seed}")
-    (grasps if args.grasps else objects)(args.scenes, args.seed)
+    if args.grasps:
+        grasps(args.scenes, args.seed, args.worst)
+    else:
+        objects(args.scenes, args.seed)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from boxgrasp import Capture
+from boxgrasp.kernels.raycast import BALL, BOWL, BOX, CUP, CYLINDER, WALL_M
 from boxgrasp.simulate import TableScene, build_scene, draw_scene, to_capture
 
 TABLE_M = 0.80
@@ -49,3 +50,25 @@ def answer_text(selection: Any) -> str:
 def angle_deg(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) -> float:
     """Angle between two unit vectors."""
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b))))
+
+
+def in_matter(kind: int, size: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether points lie in the matter of a solid or shell, by its equation alone."""
+    x, y, z = points.T
+    if kind == BOX:
+        return np.asarray((np.abs(points) <= size).all(axis=1))
+    if kind == CYLINDER:
+        return np.asarray((np.hypot(x, y) <= size[0]) & (np.abs(z) <= size[2]))
+    if kind in (BALL, BOWL):
+        within = ((points / size) ** 2).sum(axis=1) <= 1
+        if kind == BALL:
+            return np.asarray(within)
+        hollow = ((points / (size - WALL_M)) ** 2).sum(axis=1) < 1
+        return np.asarray(within & ~hollow & (z <= 0))
+    lower, upper, h = size
+    radius = lower + (upper - lower) * (z + h) / (2 * h)
+    r = np.hypot(x, y)
+    within = (np.abs(z) <= h) & (r <= radius)
+    if kind == CUP:
+        within &= ~((r < radius - WALL_M) & (z > -h + WALL_M))
+    return np.asarray(within)

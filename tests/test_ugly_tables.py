@@ -4,33 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import in_matter
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from boxgrasp.kernels.raycast import BALL, BOWL, BOX, CONE, CUP, WALL_M, round_hit
+from boxgrasp.kernels.raycast import BALL, BOWL, BOX, CONE, CUP, round_hit
 from boxgrasp.simulate.household import Thing, draw_thing, spun
 from boxgrasp.simulate.sensors import sensed
 from boxgrasp.simulate.ugly import NO_THING, UNTOLD, draw_view
 
 SHAPE = (144, 192)
-
-
-def inside(kind: int, size: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether points lie in the matter of a solid or shell, by its equation alone."""
-    x, y, z = points.T
-    if kind in (BALL, BOWL):
-        within = ((points / size) ** 2).sum(axis=1) <= 1
-        if kind == BALL:
-            return np.asarray(within)
-        hollow = ((points / (size - WALL_M)) ** 2).sum(axis=1) < 1
-        return np.asarray(within & ~hollow & (z <= 0))
-    lower, upper, h = size
-    radius = lower + (upper - lower) * (z + h) / (2 * h)
-    r = np.hypot(x, y)
-    within = (np.abs(z) <= h) & (r <= radius)
-    if kind == CUP:
-        within &= ~((r < radius - WALL_M) & (z > -h + WALL_M))
-    return np.asarray(within)
 
 
 @settings(deadline=None, max_examples=200)
@@ -44,12 +27,12 @@ def test_a_ray_meets_round_solids_where_their_equation_says(kind: int, seed: int
     direction = rng.uniform(-0.06, 0.06, 3) - origin
     found = round_hit(kind, size, origin, direction)
     steps = np.linspace(0.0, 2.0, 40_001)  # 0.02 mm apart
-    within = inside(kind, size, origin + steps[:, None] * direction)
+    within = in_matter(kind, size, origin + steps[:, None] * direction)
     if not within.any():
         # At most a corner is cut, of less than a step.
         assert (
             np.isinf(found)
-            or inside(
+            or in_matter(
                 kind, size, origin + (found + np.linspace(-1e-4, 1e-4, 21))[:, None] * direction
             ).sum()
             <= 4

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from boxgrasp.simulate.camera import CastView, cast
 from boxgrasp.simulate.demo import demo_capture, demo_scene
+from boxgrasp.simulate.holding import HoldTruth, hold_truth
 from boxgrasp.simulate.noise import NoiseModel, add_noise
 from boxgrasp.simulate.objects import SimulatedObject, load_objects
-from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive
+from boxgrasp.simulate.primitives import Box, Cylinder, Plane, Primitive, Solids
 from boxgrasp.simulate.scenes import Clutter, TableScene, build_scene, draw_scene, to_capture
 from boxgrasp.simulate.truth import (
     CandidateTruth,
@@ -24,9 +25,11 @@ __all__ = [
     "Cylinder",
     "NoiseModel",
     "CandidateTruth",
+    "HoldTruth",
     "Plane",
     "Primitive",
     "SimulatedObject",
+    "Solids",
     "TableScene",
     "TrueCandidates",
     "add_noise",
@@ -36,6 +39,7 @@ __all__ = [
     "demo_capture",
     "demo_scene",
     "draw_scene",
+    "hold_truth",
     "load_objects",
     "candidate_truth",
     "to_capture",

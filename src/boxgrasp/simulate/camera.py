@@ -12,9 +12,9 @@ from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import invert, make_transform, validate_transform
 from boxgrasp.kernels._threads import run_chunks
-from boxgrasp.kernels.raycast import BOX, CONE, CUP, CYLINDER, PLANE, paint, raycast
+from boxgrasp.kernels.raycast import CONE, CUP, paint, raycast
 from boxgrasp.sensing.sensor_model import XTION
-from boxgrasp.simulate.primitives import Box, Cylinder, Primitive
+from boxgrasp.simulate.primitives import Primitive, Solids
 
 SHAPE = (480, 640)
 SKY = (22, 36, 36)
@@ -118,9 +118,7 @@ def cast(
     K = np.asarray(intrinsics, dtype=np.float64)
     focal = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
     T = validate_transform(T_base_camera, "T_base_camera")
-    kinds = np.array([_kind(p) for p in primitives], dtype=np.int32)
-    halves = np.ascontiguousarray([p.half_size for p in primitives])
-    rays = SolidsSeen.of(kinds, np.array([p.T_base_solid for p in primitives]), halves, T)
+    rays = SolidsSeen.of(Solids.of(primitives), T)
     solids, rectangles = rays.arrays, rays.rectangles(focal, shape)
     colors = np.array([*(p.color for p in primitives), SKY], dtype=np.uint8)
     numbers = np.array([*(p.object_id for p in primitives), -1], dtype=np.int32)
@@ -154,22 +152,18 @@ class SolidsSeen:
     sizes: Floats
 
     @staticmethod
-    def of(
-        kinds: NDArray[np.int32], T_base_solid: Floats, sizes: Floats, T_base_camera: Floats
-    ) -> SolidsSeen:
+    def of(solids: Solids, T_base_camera: Floats) -> SolidsSeen:
         """Solids that stand in the base frame, before a camera.
 
         Args:
-            kinds: (P,) int32.
-            T_base_solid: (P, 4, 4).
-            sizes: (P, 3), m.
+            solids: what is there.
             T_base_camera: (4, 4), optical frame.
 
         Returns:
             The solids.
         """
-        poses = np.array([invert(T) @ T_base_camera for T in T_base_solid])
-        return SolidsSeen(kinds, poses, sizes)
+        poses = np.array([invert(T) @ T_base_camera for T in solids.T_base_solid])
+        return SolidsSeen(solids.kinds, poses, solids.sizes)
 
     @property
     def arrays(self) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
@@ -210,12 +204,6 @@ def half_size(kind: int, size: Floats) -> Floats:
         return size
     radius = max(size[0], size[1])
     return np.array([radius, radius, size[2]])
-
-
-def _kind(primitive: Primitive) -> int:
-    if isinstance(primitive, Box):
-        return BOX
-    return CYLINDER if isinstance(primitive, Cylinder) else PLANE
 
 
 def _rectangle(

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxgrasp.arrays import Array, Floats
+from boxgrasp.arrays import Floats
 from boxgrasp.geometry.transforms import invert
-from boxgrasp.kernels.raycast import BOX, CYLINDER
 from boxgrasp.kernels.solids import clearances
-from boxgrasp.simulate.primitives import Box, Cylinder
+from boxgrasp.simulate.primitives import Box, Cylinder, Solids
 
 
 def boxes_to_solids(
@@ -31,7 +30,8 @@ def boxes_to_solids(
     if solids and len(boxes):
         inverse = np.ascontiguousarray([invert(T) for T in boxes])
         half = np.ascontiguousarray(np.asarray(dimensions_m, dtype=np.float64) / 2)
-        clearances(inverse, half, *_solid_arrays(solids), out)
+        there = Solids.of(solids)
+        clearances(inverse, half, there.kinds, there.T_base_solid, there.sizes, out)
     return out
 
 
@@ -56,11 +56,3 @@ def gap(a: Box | Cylinder, b: Box | Cylinder) -> float:
     flat = max(float(np.hypot(between[0, 3], between[1, 3])) - a.radius_m - b.radius_m, 0.0)
     tall = max(float(abs(between[2, 3])) - (a.height_m + b.height_m) / 2, 0.0)
     return float(np.hypot(flat, tall))
-
-
-def _solid_arrays(solids: Sequence[Box | Cylinder]) -> tuple[Array, Array, Array]:
-    """Kinds (P,), T_base_solids (P, 4, 4) and half sizes (P, 3) for the kernels."""
-    kinds = np.array([BOX if isinstance(s, Box) else CYLINDER for s in solids], dtype=np.int32)
-    poses = np.array([s.T_base_solid for s in solids]).reshape(-1, 4, 4)
-    sizes = np.array([s.half_size for s in solids]).reshape(-1, 3)
-    return kinds, np.ascontiguousarray(poses), np.ascontiguousarray(sizes)

@@ -90,6 +90,11 @@ class Thing:
         poses[:, :3, 3] *= factor
         return Thing(self.kinds, poses, self.sizes * factor, self.top_m * factor, self.hollow)
 
+    @property
+    def yaw_rad(self) -> float:
+        """Turn of its first solid about z."""
+        return float(np.arctan2(self.T_thing_solid[0, 1, 0], self.T_thing_solid[0, 0, 0]))
+
     @cached_property
     def lattice(self) -> Floats:
         """(N, 3) float64 points that fill the thing, its corners among them, its frame, m."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import SceneError
 from boxgrasp.geometry.transforms import make_transform, rotation_z, validate_transform
+from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE
 
 Color = tuple[int, int, int]
 
@@ -129,6 +132,52 @@ class Plane:
 
 
 Primitive = Box | Cylinder | Plane
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """P solids and shells of any kind that is ray cast; read-only arrays.
+
+    Attributes:
+        kinds: (P,) int32, of `kernels.raycast`.
+        T_base_solid: (P, 4, 4) float64.
+        sizes: (P, 3) float64, as `raycast` takes them, m.
+    """
+
+    kinds: NDArray[np.int32]
+    T_base_solid: Floats
+    sizes: Floats
+
+    def __post_init__(self) -> None:
+        for name, shape, dtype in (
+            ("kinds", (-1,), np.int32),
+            ("T_base_solid", (-1, 4, 4), np.float64),
+            ("sizes", (-1, 3), np.float64),
+        ):
+            array = np.array(getattr(self, name), dtype=dtype, order="C").reshape(shape)
+            object.__setattr__(self, name, readonly(array))
+
+    @staticmethod
+    def of(primitives: Sequence[Primitive]) -> Solids:
+        """The primitives as arrays.
+
+        Args:
+            primitives: base frame.
+
+        Returns:
+            One solid a primitive, in their order.
+        """
+        return Solids(
+            np.array([_kind(p) for p in primitives], dtype=np.int32),
+            np.array([p.T_base_solid for p in primitives]),
+            np.array([p.half_size for p in primitives]),
+        )
+
+
+def _kind(primitive: Primitive) -> int:
+    if isinstance(primitive, Box):
+        return BOX
+    return CYLINDER if isinstance(primitive, Cylinder) else PLANE
 
 
 def upright(x: float, y: float, z: float, yaw_rad: float = 0.0) -> Floats:

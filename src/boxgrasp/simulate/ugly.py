@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats
+from boxgrasp.arrays import Floats, readonly
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.raycast import BOX, CYLINDER, PLANE, raycast
 from boxgrasp.simulate.camera import SolidsSeen, look_at
 from boxgrasp.simulate.household import Rng, Thing, about_x, draw_small, draw_thing, spun
+from boxgrasp.simulate.primitives import Solids
 
 NO_THING = 0  # floor, tables, walls, chairs, the robot's own hand
 UNTOLD = -1  # wires: neither thing nor table
@@ -38,6 +39,8 @@ class View:
         focal_px: px.
         center_px: (2,) u, v where the optical axis meets the image; it may lie outside.
         T_table_camera: (4, 4), optical frame.
+        solids: P of them, all that is there, in the table's frame.
+        owners: (P,) int32, the thing that each solid is of, as in `things`.
     """
 
     depth_m: NDArray[np.float32]
@@ -45,6 +48,20 @@ class View:
     focal_px: float
     center_px: tuple[float, float]
     T_table_camera: Floats
+    solids: Solids
+    owners: NDArray[np.int32]
+
+    def solids_of(self, thing: int) -> Solids:
+        """The solids of a thing, hidden ones included.
+
+        Args:
+            thing: its number.
+
+        Returns:
+            Solids in the table's frame.
+        """
+        own, there = self.owners == thing, self.solids
+        return Solids(there.kinds[own], there.T_base_solid[own], there.sizes[own])
 
 
 @dataclass(eq=False)
@@ -85,7 +102,6 @@ class _Placed:
     thing: Thing
     place: Floats
     reach_m: float
-    yaw: float
 
 
 def draw_view(rng: Rng, shape: tuple[int, int], focal_px: float | None = None) -> View:
@@ -122,15 +138,15 @@ def draw_view(rng: Rng, shape: tuple[int, int], focal_px: float | None = None) -
         center = ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     else:
         focal_px = float(np.clip(range_m / spacing_m, 180.0, 1200.0))
-    solids = SolidsSeen.of(
-        np.array(table.kinds, dtype=np.int32), np.array(table.poses), np.array(table.sizes), T
-    )
+    solids = Solids(np.array(table.kinds), np.array(table.poses), np.array(table.sizes))
+    rays = SolidsSeen.of(solids, T)
     focal = np.array([focal_px, focal_px, *center])
     depth, index = np.empty(shape), np.empty(shape, dtype=np.int32)
-    raycast(*solids.arrays, solids.rectangles(focal, shape), focal, 0, shape[0], depth, index)
-    numbers = np.array([*table.things, NO_THING], dtype=np.int32)
+    raycast(*rays.arrays, rays.rectangles(focal, shape), focal, 0, shape[0], depth, index)
+    owners = np.array([*table.things, NO_THING], dtype=np.int32)  # the last is of no solid met
     depth[~np.isfinite(depth)] = 0.0
-    return View(depth.astype(np.float32), numbers[index], focal_px, center, T)
+    seen = depth.astype(np.float32)
+    return View(seen, owners[index], focal_px, center, T, solids, readonly(owners[:-1]))
 
 
 def _rolled(T: Floats, rng: Rng) -> Floats:
@@ -190,9 +206,7 @@ def _things(table: _Table, half: Floats, rng: Rng) -> list[_Placed]:
         table.put(thing, _at(*found), number)
         if found[2] == 0:
             table.taken[table.cells(thing.lattice + found)] = True
-        yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
-        reach = float(np.abs(thing.lattice[:, :2]).max())
-        placed.append(_Placed(thing, found, reach, yaw))
+        placed.append(_Placed(thing, found, float(np.abs(thing.lattice[:, :2]).max())))
     if rng.random() < 0.15:
         _wire(table, middle, rng)
     return placed
@@ -221,12 +235,16 @@ def _stacked(thing: Thing, placed: list[_Placed], rng: Rng) -> tuple[Thing, Floa
         if _LEAST_SCALE <= factor <= 1 / _LEAST_SCALE:
             thing, reach = thing.scaled(factor), reach * factor
         if rng.random() < 0.5:
-            yaw = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
-            thing = thing.turned(rotation_z(under.yaw - yaw + float(rng.normal(0.0, 0.1))))
+            thing = _turned_as(under.thing, thing, float(rng.normal(0.0, 0.1)))
     if reach > 1.8 * under.reach_m:
         return thing, None
     off = rng.uniform(-spread, spread, 2) * under.reach_m
     return thing, under.place + (off[0], off[1], under.thing.top_m)
+
+
+def _turned_as(other: Thing, thing: Thing, off_rad: float) -> Thing:
+    """The thing, turned as another one is but for an angle."""
+    return thing.turned(rotation_z(other.yaw_rad - thing.yaw_rad + off_rad))
 
 
 def _carries(under: _Placed, placed: list[_Placed]) -> bool:
@@ -243,9 +261,8 @@ def _touching(
         return thing, None
     angle = rng.uniform(-np.pi, np.pi)
     if rng.random() < 0.6:
-        own = float(np.arctan2(thing.T_thing_solid[0, 1, 0], thing.T_thing_solid[0, 0, 0]))
-        thing = thing.turned(rotation_z(beside.yaw - own + float(rng.normal(0.0, 0.04))))
-        angle = beside.yaw + rng.integers(4) * np.pi / 2
+        thing = _turned_as(beside.thing, thing, float(rng.normal(0.0, 0.04)))
+        angle = beside.thing.yaw_rad + rng.integers(4) * np.pi / 2
     points, way = thing.lattice, np.array([np.cos(angle), np.sin(angle), 0.0])
     across = np.array([-way[1], way[0], 0.0]) * rng.uniform(-0.5, 0.5) * beside.reach_m
     for away in np.arange(0.0, 0.35, _SLIDE_M):
