@@ -26,6 +26,7 @@ from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES, MapObstacles, unexplained_cells
 from boxgrasp.mapping.view_rays import view_rays
 from boxgrasp.perception.box_fit import fit_box
+from boxgrasp.perception.box_sides import REACH_PX, PlacedBox, place_sides, unplaced
 from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.scene import Scene
@@ -208,7 +209,8 @@ class GraspSelector:
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
         scene, points = stand_target(scene, find_target(scene, capture, target))
-        box = fit_box(scene.points[points.target_mask], scene.plane, _heading(scene), config.box)
+        placed = self._placed_box(scene, points.target_mask)
+        box = placed.box
         truncation = find_truncation(capture, scene, points.target_mask, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
@@ -223,6 +225,7 @@ class GraspSelector:
             candidates=candidates,
             gripper=config.gripper,
             box=box,
+            box_noise_m=placed.noise_m,
             scene=scene,
             target_mask=points.target_mask,
             obstacle_mask=points.obstacle_mask,
@@ -282,6 +285,16 @@ class GraspSelector:
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first select is as quick as the next."""
         self.select(_two_blocks(), Target(pixel=(80, 60)))
+
+    def _placed_box(self, scene: Scene, target_mask: NDArray[np.bool_]) -> PlacedBox:
+        """The box round the target, its sides at the thing's own where an image shows them."""
+        points = scene.points[target_mask]
+        box = fit_box(points, scene.plane, _heading(scene), self.config.box)
+        window = scene.target_window(target_mask, REACH_PX)
+        camera = scene.camera_position_m
+        if self.config.box.fit == "aligned" or window is None or camera is None:
+            return unplaced(box)
+        return place_sides(box, window, camera, scene.sensor)
 
     def _results(self, context: CheckContext) -> dict[str, CheckResult]:
         """What each check says, by its name."""

@@ -42,8 +42,9 @@ class ChecksConfig:
 
     Attributes:
         visible_clearance_m: to visible obstacles, m (thesis section 3-4: feasible from 2 cm).
-        noise_margin_m: asked beside visible_clearance_m for the sensor's noise, m. Measured on
-            cast scenes: a gap seen as 2.0 cm is often less.
+        noise_gain: standard deviations of what was measured that are asked beside
+            visible_clearance_m, and between the target and the fingers. Measured on cast scenes:
+            a gap seen as 2.0 cm is often less.
         occluded_clearance_m: to the hidden bodies under and behind visible surfaces, m.
         unseen_distance_m: to space that no ray crossed, m; 0 reports it and refuses nothing,
             since behind every thing there is a shadow.
@@ -51,7 +52,6 @@ class ChecksConfig:
         pregrasp_distance_m: how far back the way in is checked, and the pregrasp lies, m.
         approach_clearance_m: along the way in to visible obstacles and hidden bodies, m.
         plane_clearance_m: of the hand's lowest corner over the support plane, m.
-        width_margin_m: how much narrower than the opening the target must be, m.
         held_area_m2: of the target's seen surface between the fingertips at least, m2. Measured on
             cast tables of uneven things: half of it lets rims and stray points through.
         finger_area_m2: of the target's seen surface where the fingers are at most, m2.
@@ -60,28 +60,29 @@ class ChecksConfig:
     """
 
     visible_clearance_m: Clearance = RED_BELOW_M
-    noise_margin_m: Clearance = 0.003
+    noise_gain: Annotated[float, Meta(ge=0.0, le=20.0)] = 3.0
     occluded_clearance_m: Clearance = 0.02
     unseen_distance_m: Clearance = 0.0
     unseen_fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.25
     pregrasp_distance_m: Clearance = 0.15
     approach_clearance_m: Clearance = 0.005
     plane_clearance_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.003
-    width_margin_m: Clearance = 0.003
     held_area_m2: Annotated[float, Meta(ge=0.0, le=0.01)] = 1.4e-4
     finger_area_m2: Annotated[float, Meta(ge=0.0, le=0.01)] = 3e-5
     plugins: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     RENAMED: ClassVar = {
         "clearance_m": "visible_clearance_m",
-        "noise_m": "noise_margin_m",
+        "noise_m": "noise_gain",
+        "noise_margin_m": "noise_gain",
         "body_m": "occluded_clearance_m",
         "unseen_m": "unseen_distance_m",
         "unseen_share": "unseen_fraction",
         "approach_back_m": "pregrasp_distance_m",
         "approach_m": "approach_clearance_m",
         "support_m": "plane_clearance_m",
-        "width_m": "width_margin_m",
+        "width_m": "noise_gain",
+        "width_margin_m": "noise_gain",
     }
 
 
@@ -96,13 +97,13 @@ def shipped_checks(config: ChecksConfig, faces: Sequence[str]) -> tuple[Check, .
         One check a line.
     """
     return (
-        VisibleClearance(config.visible_clearance_m + config.noise_margin_m),
+        VisibleClearance(config.visible_clearance_m, config.noise_gain),
         OccludedClearance(config.occluded_clearance_m),
         UnseenDistance(config.unseen_distance_m),
         UnseenFraction(config.unseen_fraction, config.visible_clearance_m),
         ApproachClearance(config.approach_clearance_m, config.pregrasp_distance_m),
         PlaneClearance(config.plane_clearance_m),
-        Width(config.width_margin_m),
+        Width(config.noise_gain),
         WidthKnown(),
         Holds(config.held_area_m2),
         FingersFree(config.finger_area_m2),

@@ -64,13 +64,13 @@ class CheckResult:
 
     @staticmethod
     def at_least(
-        value: ArrayLike, limit: float, witness: Witness | None = None, *, unit: str = "m"
+        value: ArrayLike, limit: ArrayLike, witness: Witness | None = None, *, unit: str = "m"
     ) -> CheckResult:
         """The result of a check that passes where the value is `limit` or more.
 
         Args:
             value: (M,) in `unit`.
-            limit: in `unit`.
+            limit: in `unit`, one for all or (M,).
             witness: what decided, where something did.
             unit: "m", "m2" or "fraction".
 
@@ -82,13 +82,13 @@ class CheckResult:
 
     @staticmethod
     def at_most(
-        value: ArrayLike, limit: float, witness: Witness | None = None, *, unit: str = "m"
+        value: ArrayLike, limit: ArrayLike, witness: Witness | None = None, *, unit: str = "m"
     ) -> CheckResult:
         """The result of a check that passes where the value is `limit` or less.
 
         Args:
             value: (M,) in `unit`.
-            limit: in `unit`.
+            limit: in `unit`, one for all or (M,).
             witness: what decided, where something did.
             unit: "m", "m2" or "fraction".
 
@@ -135,7 +135,7 @@ class Witness:
 
 def _result(
     value: Floats,
-    limit: float,
+    limit: ArrayLike,
     passed: NDArray[np.bool_],
     witness: Witness | None,
     unit: str | None,
@@ -145,7 +145,7 @@ def _result(
         witness = Witness(np.full(count, NO_OBJECT), np.full((count, 3), np.nan))
     return CheckResult(
         value=readonly(value.copy()),
-        limit=readonly(np.full(count, float(limit))),
+        limit=readonly(np.full(count, limit, dtype=np.float64)),
         passed=readonly(np.asarray(passed)),
         unit=unit,
         objects=readonly(witness.objects),

@@ -20,6 +20,7 @@ from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
 from boxgrasp.perception.scene import Scene
 
+EDGE_NOISE = 0.4  # spacings of the pixels, standard deviation of where a surface ends
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
@@ -60,6 +61,7 @@ class CheckContext:
         candidates: the M candidates.
         gripper: the hand.
         box: the target's box.
+        box_noise_m: (3,) standard deviation of each of its dimensions, m.
         scene: the support plane and what stands on it.
         target_mask: (K,) bool, which of the scene's points are the target's.
         obstacle_mask: (K,) bool, which of the scene's points are obstacles.
@@ -72,6 +74,7 @@ class CheckContext:
     candidates: Candidates
     gripper: Gripper
     box: Box
+    box_noise_m: Floats
     scene: Scene
     target_mask: NDArray[np.bool_]
     obstacle_mask: NDArray[np.bool_]
@@ -151,6 +154,25 @@ class CheckContext:
         distance, row = hand_distance.to_points(self.hands, self.obstacle_points)
         near = Nearest(distance, self._witness(row, self.obstacle_points, self.obstacle_objects))
         return near.or_nearer(self._map_cells(self.hands)) if len(self.map_obstacles) else near
+
+    def distance_noise_m(self, points_m: Floats) -> Floats:
+        """How uncertain the distance to what lies at some points is.
+
+        A surface ends somewhere past its last pixel. Noise of the depth asks for nothing more:
+        what it brings nearest is nearer than it is.
+
+        Args:
+            points_m: (M, 3) base frame, m; NaN for nowhere.
+
+        Returns:
+            (M,) standard deviation, m; 0 where there is no point, or no camera is known.
+        """
+        scene = self.scene
+        if scene.camera_position_m is None:
+            return np.zeros(len(points_m))
+        range_m = np.linalg.norm(points_m - scene.camera_position_m, axis=1).astype(np.float32)
+        noise_m = EDGE_NOISE * scene.sensor.pixel_spacing_m(range_m).astype(np.float64)
+        return np.asarray(np.nan_to_num(noise_m, nan=0.0))
 
     @cached_property
     def occluded(self) -> Nearest:
