@@ -164,7 +164,8 @@ def test_a_grasp_across_a_wider_part_is_refused() -> None:
     narrow = replace(context.candidates, width_m=np.full(len(context.candidates.label), 0.06))
     own = analysis.target_points
     surroundings = CheckContext(
-        candidates=narrow, gripper=HAND, box=context.box, scene=analysis.scene,
+        candidates=narrow, gripper=HAND, box=context.box, box_noise_m=np.zeros(3),
+        scene=analysis.scene,
         target_mask=own.target_mask, obstacle_mask=own.obstacle_mask,
         local_map=next(iter(context.local_maps.values())), local_maps=context.local_maps,
         map_obstacles=NO_MAP_OBSTACLES, width_known=(True, True),

@@ -250,13 +250,13 @@ def test_rays_lie_in_the_first_views_frame(stride: int | None) -> None:
 
 def test_other_scans_change_the_views_alone() -> None:
     other = seen(LAID, 2)
-    more = scene().with_scans((other,))
+    more = scene().with_scans((other,), XTION)
     assert len(scene().views) == 1 and len(more.views) == 2
     assert more.views[0] is scene().views[0] and more.points is scene().points
     np.testing.assert_array_equal(more.at_border, scene().at_border)
-    assert len(more.with_scans(()).views) == 1
+    assert len(more.with_scans((), XTION).views) == 1
     with pytest.raises(SceneError, match="T_base_camera"):
-        scene().with_scans((Capture(other.depth, other.intrinsics),))
+        scene().with_scans((Capture(other.depth, other.intrinsics),), XTION)
 
 
 # Segmentation

@@ -205,7 +205,10 @@ class GraspSelector:
         config = self.config
         clock = Clock()
         # 1. The support plane and what stands on it (appendix A).
-        scene = self.scene(capture, scans) if scene is None else scene.with_scans(scans)
+        if scene is None:
+            scene = self.scene(capture, scans)
+        else:
+            scene = scene.with_scans(scans, config.scene.sensor_model)
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
         scene, points = stand_target(scene, find_target(scene, capture, target))

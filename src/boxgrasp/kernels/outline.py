@@ -1,4 +1,4 @@
-"""Where a thing's outline is: between its last pixel and the first one that shows what is behind."""
+"""A thing's outline: between its last pixel and the first one that shows what is behind it."""
 
 from __future__ import annotations
 

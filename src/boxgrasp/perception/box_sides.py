@@ -11,7 +11,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.kernels.outline import outline_points
 from boxgrasp.kernels.side_end import side_end
 from boxgrasp.perception.scene import TargetWindow
-from boxgrasp.sensing.sensor_model import SensorModel
+from boxgrasp.sensing.sensor_model import EDGE_NOISE, SensorModel
 
 _SLANTS_RAD = (0.45, -0.45, 0.9, -0.9)  # from the front; a square is no circle at all of them
 REACH_PX = 6  # from a pixel at the outline to the first that shows what is behind
@@ -37,7 +37,6 @@ class SideParams:
         round_m: how far four further places may be off the circle of a round thing, m.
         round_share: the same beside it, share of the radius.
         round_far: how far its far side may be off, spacings of the pixels there.
-        edge_noise: standard deviation of a side at an outline, spacings of the pixels there.
         least_noise_m: standard deviation of a side at the least, m.
         unplaced_m: standard deviation of a dimension whose sides are where all points end, m.
     """
@@ -54,7 +53,6 @@ class SideParams:
     round_m: float = 0.0015
     round_share: float = 0.02
     round_far: float = 2.0
-    edge_noise: float = 0.4
     least_noise_m: float = 0.0003
     unplaced_m: float = 0.001
 
@@ -227,7 +225,7 @@ class _Sides:
             noise_m = spread_m / np.sqrt(count)
         else:
             spacing_m = self._spacing_along(outward[:2])
-            spread_m, noise_m = params.outline_noise * spacing_m, params.edge_noise * spacing_m
+            spread_m, noise_m = params.outline_noise * spacing_m, float(EDGE_NOISE) * spacing_m
         end_m = side_end(
             values, about_m, params.inward_m, params.outward_m, params.deep_m, spread_m
         )

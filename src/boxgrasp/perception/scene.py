@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points
+from boxgrasp.arrays import Bools, Floats, Points
 from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
@@ -21,7 +21,6 @@ from boxgrasp.perception.supports import Supports
 from boxgrasp.perception.view import View, rows_of, scan_views
 from boxgrasp.sensing.capture import Capture, Pixels
 from boxgrasp.sensing.sensor_model import SensorModel
-from boxgrasp.sensing.validation import Bools
 
 TABLE, MISSING = -1, -2  # what a pixel shows where it shows no point of the scene
 
@@ -80,7 +79,7 @@ class Scene:
         T_base_table: (4, 4), z on the plane's normal, z = 0 on it.
         views: the points of every capture, the first one's before the further scans'.
         warnings: what the user should know of how it was found.
-        sensor: what saw it.
+        sensor: what saw it, with the first capture's focal length.
         voxel_m: edge of the voxels, m.
     """
 
@@ -107,15 +106,9 @@ class Scene:
             points: (N, 3) float32 of the scene's, base frame, m.
 
         Returns:
-            A voxel's face, m2, or what a pixel covers at their range, or the square of how far
-            apart the points lie, where that is more.
+            A voxel's face, m2, or the square of how far apart the points lie, where that is more.
         """
-        edges_m = [self.voxel_m, _spacing_m(points)]
-        camera = self.camera_position_m
-        if camera is not None and len(points) > 0:
-            away_m = np.median(np.linalg.norm(points - camera.astype(np.float32), axis=1))
-            edges_m.append(float(self.sensor.pixel_spacing_m(np.asarray(away_m, np.float32))))
-        return max(edges_m) ** 2
+        return max(self.voxel_m, _spacing_m(points)) ** 2
 
     @property
     def shape(self) -> tuple[int, int] | None:
@@ -147,11 +140,12 @@ class Scene:
         far = (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
         return np.unique(self._shown.rows[far | (np.minimum(u, v) < _BORDER_PX)])
 
-    def with_scans(self, scans: Sequence[Capture]) -> Scene:
+    def with_scans(self, scans: Sequence[Capture], sensor: SensorModel) -> Scene:
         """The same scene, with other further scans for the rays of the local map.
 
         Args:
             scans: each with its pose; they take the place of those that the scene has.
+            sensor: what saw them, before a capture's own focal length is known.
 
         Returns:
             A scene that shares the arrays.
@@ -159,7 +153,7 @@ class Scene:
         Raises:
             SceneError: a scan does not say where its camera stood.
         """
-        return replace(self, views=(self.views[0], *scan_views(scans, self.sensor)))
+        return replace(self, views=(self.views[0], *scan_views(scans, sensor)))
 
     def rows_at(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
         """Which point each pixel shows.

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.arrays import Bools, Floats, Points, readonly
 from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.sensing.validation import (
     CLOUD_FRAMES,
-    Bools,
     Bytes,
     CloudFrame,
     in_order,

@@ -12,6 +12,9 @@ from msgspec import Meta
 
 from boxgrasp.arrays import Points
 
+# Spacings of the pixels; measured on sides of cast boxes that are seen as outlines.
+EDGE_NOISE: Final = np.float32(0.4)
+
 SensorName = Literal["xtion", "realsense", "tof"]
 
 
@@ -84,6 +87,17 @@ class SensorModel:
             (...) float32, m.
         """
         return np.asarray(ranges_m / np.float32(self.focal_px), dtype=np.float32)
+
+    def edge_noise_m(self, ranges_m: Points) -> Points:
+        """Standard deviation of where a surface is seen to end, which is past its last pixel.
+
+        Args:
+            ranges_m: (...) float32, distance from the camera, m.
+
+        Returns:
+            (...) float32, m.
+        """
+        return EDGE_NOISE * self.pixel_spacing_m(ranges_m)
 
 
 # Noise: Nguyen, Izadi and Lovell, 3DIMPVT 2012: 1.2 mm + 1.9 mm (z - 0.4 m)^2. Baseline:

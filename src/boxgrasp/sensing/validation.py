@@ -7,11 +7,10 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.arrays import Bools, Floats, Points, readonly
 from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning
 from boxgrasp.geometry.transforms import invert, validate_transform
 
-Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 CloudFrame = Literal["optical", "base"]
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from boxgrasp.arrays import Array, Floats
+from boxgrasp.arrays import Array, Bools, Floats
 from boxgrasp.grasps.scoring import (
     GREEN_FROM_M,
     RED_BELOW_M,
@@ -17,8 +16,6 @@ from boxgrasp.grasps.scoring import (
     ScoreFunction,
     squared,
 )
-
-Bools = NDArray[np.bool_]
 
 ASK: Final = -1  # in place of a candidate's index
 

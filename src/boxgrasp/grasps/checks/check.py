@@ -64,7 +64,7 @@ class CheckResult:
 
     @staticmethod
     def at_least(
-        value: ArrayLike, limit: ArrayLike, witness: Witness | None = None, *, unit: str = "m"
+        value: ArrayLike, limit: float | Floats, witness: Witness | None = None, *, unit: str = "m"
     ) -> CheckResult:
         """The result of a check that passes where the value is `limit` or more.
 
@@ -82,7 +82,7 @@ class CheckResult:
 
     @staticmethod
     def at_most(
-        value: ArrayLike, limit: ArrayLike, witness: Witness | None = None, *, unit: str = "m"
+        value: ArrayLike, limit: float | Floats, witness: Witness | None = None, *, unit: str = "m"
     ) -> CheckResult:
         """The result of a check that passes where the value is `limit` or less.
 
@@ -135,7 +135,7 @@ class Witness:
 
 def _result(
     value: Floats,
-    limit: ArrayLike,
+    limit: float | Floats,
     passed: NDArray[np.bool_],
     witness: Witness | None,
     unit: str | None,

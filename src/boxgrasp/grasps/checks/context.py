@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,14 +13,13 @@ from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.grasps.candidates import Candidates
-from boxgrasp.grasps.checks.check import NO_OBJECT, Witness
+from boxgrasp.grasps.checks.check import NO_OBJECT, CheckResult, Witness
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.held import points_in_hand
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
 from boxgrasp.perception.scene import Scene
 
-EDGE_NOISE = 0.4  # spacings of the pixels, standard deviation of where a surface ends
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
@@ -110,10 +109,17 @@ class CheckContext:
         """(N,) number of the object of each obstacle point, 0 for none."""
         return readonly(self.scene.object_numbers[self.obstacle_mask])
 
-    @property
-    def too_wide(self) -> NDArray[np.bool_]:
-        """(M,) where the target's box does not go between the fingers at all."""
-        return np.asarray(self.candidates.width_m > self.gripper.max_opening_m)
+    def unless_too_wide(self, found: CheckResult) -> CheckResult:
+        """A result that passes too where the target's box does not go between the fingers at all.
+
+        Args:
+            found: of a check of what the fingers hold; there `width` alone tells what is wrong.
+
+        Returns:
+            The result.
+        """
+        too_wide = self.candidates.width_m > self.gripper.max_opening_m
+        return replace(found, passed=readonly(found.passed | too_wide))
 
     @property
     def held_m2(self) -> Floats:
@@ -127,13 +133,16 @@ class CheckContext:
 
     @cached_property
     def _held(self) -> tuple[Floats, Floats]:
-        own = np.ascontiguousarray(self.scene.points[self.target_mask])
-        rim = np.ascontiguousarray(self.scene.points[~self.obstacle_mask & ~self.scene.floor_mask])
+        scene, own = self.scene, self.target_mask
+        rim = ~self.obstacle_mask & ~scene.floor_mask
+        near = own | rim
+        points = np.ascontiguousarray(scene.points[near])
+        own, rim = own[near], rim[near]
         counts = np.empty((len(self.candidates.T_base_gripper), 2))
         for m, T in enumerate(self.candidates.T_base_gripper):
-            counts[m, 0] = np.count_nonzero(points_in_hand(T, own, self.gripper)[0])
-            counts[m, 1] = np.count_nonzero(points_in_hand(T, rim, self.gripper)[1])
-        held_m2, in_fingers_m2 = counts.T * self.scene.point_area_m2(own)
+            held, in_fingers = points_in_hand(T, points, self.gripper)
+            counts[m] = np.count_nonzero(held & own), np.count_nonzero(in_fingers & rim)
+        held_m2, in_fingers_m2 = counts.T * scene.point_area_m2(points[own])
         return readonly(held_m2), readonly(in_fingers_m2)
 
     @cached_property
@@ -171,7 +180,7 @@ class CheckContext:
         if scene.camera_position_m is None:
             return np.zeros(len(points_m))
         range_m = np.linalg.norm(points_m - scene.camera_position_m, axis=1).astype(np.float32)
-        noise_m = EDGE_NOISE * scene.sensor.pixel_spacing_m(range_m).astype(np.float64)
+        noise_m = scene.sensor.edge_noise_m(range_m).astype(np.float64)
         return np.asarray(np.nan_to_num(noise_m, nan=0.0))
 
     @cached_property

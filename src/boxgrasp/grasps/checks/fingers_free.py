@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from boxgrasp.arrays import readonly
 from boxgrasp.grasps.checks.check import Check, CheckResult
 from boxgrasp.grasps.checks.context import CheckContext
 
@@ -24,5 +23,6 @@ class FingersFree(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Seen surface of the target in the hand's box beyond the opening."""
-        found = CheckResult.at_most(context.in_fingers_m2, self.most_m2, unit="m2")
-        return replace(found, passed=readonly(found.passed | context.too_wide))
+        return context.unless_too_wide(
+            CheckResult.at_most(context.in_fingers_m2, self.most_m2, unit="m2")
+        )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from boxgrasp.arrays import readonly
 from boxgrasp.grasps.checks.check import Check, CheckResult
 from boxgrasp.grasps.checks.context import CheckContext
 
@@ -24,5 +23,6 @@ class Holds(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Seen surface between the fingers' last stretches and near the hand's mid-plane."""
-        found = CheckResult.at_least(context.held_m2, self.least_m2, unit="m2")
-        return replace(found, passed=readonly(found.passed | context.too_wide))
+        return context.unless_too_wide(
+            CheckResult.at_least(context.held_m2, self.least_m2, unit="m2")
+        )
