@@ -139,7 +139,9 @@ def test_side_end_is_unbiased(kind: str, noise_m: float) -> None:
         about_m = float(np.sort(values)[-3])  # where all points end: too far out
         end_m = side_end(values, about_m, 0.009, 0.005, 0.015, noise_m)
         offs.append(end_m - true_m)
-    assert abs(np.median(offs)) < 0.0003 + 0.25 * noise_m  # all points end at 2 or 3 times the noise
+    assert (
+        abs(np.median(offs)) < 0.0003 + 0.25 * noise_m
+    )  # all points end at 2 or 3 times the noise
     assert np.percentile(np.abs(offs), 90) < 0.0005 + noise_m
 
 

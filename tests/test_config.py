@@ -98,14 +98,16 @@ RENAMED = {
     },
     ("checks",): {
         "clearance_m": "visible_clearance_m",
-        "noise_m": "noise_margin_m",
+        "noise_m": "noise_gain",
+        "noise_margin_m": "noise_gain",
         "body_m": "occluded_clearance_m",
         "unseen_m": "unseen_distance_m",
         "unseen_share": "unseen_fraction",
         "approach_back_m": "pregrasp_distance_m",
         "approach_m": "approach_clearance_m",
         "support_m": "plane_clearance_m",
-        "width_m": "width_margin_m",
+        "width_m": "noise_gain",
+        "width_margin_m": "noise_gain",
     },
     ("gripper",): {"opening_m": "max_opening_m", "reach_past_face_m": "insertion_depth_m"},
 }

@@ -223,7 +223,8 @@ def test_a_mirrored_scene_mirrors_the_candidates(seed: int) -> None:
     for candidate in before.candidates:
         other = after.candidate(mirrored_label(candidate.label))
         flipped = other.T_base_gripper[:3, 3] * (1, -1, 1)
-        np.testing.assert_allclose(flipped, candidate.T_base_gripper[:3, 3], atol=0.002)
+        # Voxels are not mirrored, and a pose moves to the ninth nearest.
+        np.testing.assert_allclose(flipped, candidate.T_base_gripper[:3, 3], atol=0.003)
         # Approach and finger opening mirrored, the latter as an axis without a sign.
         x, y = (other.T_base_gripper[:3, k] * (1, -1, 1) for k in (0, 1))
         np.testing.assert_allclose(x, candidate.T_base_gripper[:3, 0], atol=0.02)

@@ -157,7 +157,6 @@ class GraspSelector:
         Raises:
             SceneError: no support plane, nothing on it, or a scan whose place is unknown.
             TargetError: the target cannot be found where it was pointed at.
-            GripperError: the gripper cannot hold anything.
         """
         # 1 to 4. The box, what surrounds it, every candidate and every check (2-1, 2-2, 2-4).
         analysis = self.analyze(
@@ -200,7 +199,6 @@ class GraspSelector:
         Raises:
             SceneError: as `select`.
             TargetError: as `select`.
-            GripperError: as `select`.
         """
         config = self.config
         clock = Clock()

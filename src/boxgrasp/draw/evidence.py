@@ -28,7 +28,7 @@ from boxgrasp.result import Candidate, Selection
 _PATCH_M: Final = 0.02  # round an obstacle's nearest point, so that one sees which thing it is
 _NEAR_M: Final = 0.20
 _DOTS: Final = 150
-_SLACK_M: Final = 0.002  # of a box: it is fitted to the means of 3 mm voxels
+_SLACK_M: Final = 0.006  # of a box, whose sides are where faces are: noise reaches out of them
 _TOUCHES_M: Final = 0.002
 _SAME_PLACE_PX: Final = 14.0
 _WIDTHS: Final = (Width.name, WidthKnown.name)

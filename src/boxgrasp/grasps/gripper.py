@@ -13,6 +13,8 @@ from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, GripperError
 from boxgrasp.geometry.transforms import validate_transform
 
+LEAST_OPENING_M = 0.005  # m: no camera tells a target's sides well enough for a narrower one
+
 Length = Annotated[float, Meta(gt=0.0, le=1.0)]
 Row = tuple[float, float, float, float]
 
@@ -61,6 +63,11 @@ class Gripper:
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:
                 raise GripperError(f"gripper {name} is {value}; valid: above 0, at most 1 m")
+        if self.max_opening_m < LEAST_OPENING_M:
+            raise GripperError(
+                f"gripper max_opening_m is {self.max_opening_m}, so it cannot hold anything; "
+                f"valid: {LEAST_OPENING_M} m and more"
+            )
         if self.max_opening_m > self.width_m:
             raise GripperError(
                 f"gripper max_opening_m {self.max_opening_m} exceeds width_m {self.width_m}; "

@@ -20,6 +20,7 @@ from boxgrasp.mapping.local_map import FREE, UNSEEN, LocalMap
 from boxgrasp.perception.scene import Scene
 
 _FAR_M = 1.0  # m from the box along an axis: beyond any hand
+_TOUCHING_M = 0.002  # m, from the target's box, whose sides are known no better: the target's
 _SLACK_M = 0.005  # m, what points and boxes are off
 _GRAZING = 0.12  # slope of the view under which a top shows too little of itself
 _THINNED = 8  # a guess needs no more
@@ -135,7 +136,7 @@ def unseen_cells(local_map: LocalMap, box: Box) -> Floats:
     centers = local_map.lowest + (found + 0.5) * local_map.resolution_m
     base = transform(local_map.T_base_map, centers)
     off = np.abs(transform(invert(box.T_base_box), base))
-    reach = box.dimensions_m / 2 + local_map.resolution_m / 2
+    reach = box.dimensions_m / 2 + local_map.resolution_m / 2 + _TOUCHING_M
     return np.ascontiguousarray(base[np.any(off > reach, axis=1)])
 
 

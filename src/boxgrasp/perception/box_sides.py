@@ -184,9 +184,9 @@ class _Sides:
             end_m, _ = self._outermost(direction)
             if not abs(end_m - center @ direction - radius_m) <= most_m:
                 return None
-        far_m, _ = self._outermost(away)
-        far_most_m = params.round_far * self._spacing_along(away)
-        if not abs(far_m - center @ away - radius_m) <= far_most_m:
+        back_m, _ = self._outermost(away)
+        most_m = params.round_far * self._spacing_along(away)
+        if not abs(back_m - center @ away - radius_m) <= most_m:
             return None
         return center, radius_m, float(np.hypot(left_noise, right_noise))
 

@@ -10,6 +10,7 @@ from boxgrasp.ranking.ranker import Ranker, Ranking, RankingContext
 
 # What unseen space in the hand's box costs: 3 cm of clearance if all of it is unseen.
 _UNSEEN_COST_M = 0.03
+_DIGITS = 3  # millimeters: no camera tells less, and habit is worth more
 
 
 class ByClearance(Ranker):
@@ -25,7 +26,7 @@ class ByClearance(Ranker):
         )
         clearance_m = np.minimum(clearance_m, GREEN_FROM_M)
         unseen = context.result("unseen_fraction").value
-        clearance_m = np.round(clearance_m - _UNSEEN_COST_M * unseen, 4)
+        clearance_m = np.round(clearance_m - _UNSEEN_COST_M * unseen, _DIGITS)
         unhabitual = ~np.isin(candidates.face, (FRONT, TOP_PARALLEL))
         off_center = np.abs(candidates.line - (candidates.lines + 1) / 2)
         order = np.lexsort((candidates.label, off_center, unhabitual, -clearance_m))
