@@ -224,7 +224,7 @@ class Scene:
         """What a mask covers of the pixels with depth.
 
         Args:
-            mask: as `points_under`.
+            mask: (H, W) bool, or (N,) beside the points of an unorganized cloud.
 
         Returns:
             How many of them, and which share of those that show table or background.
