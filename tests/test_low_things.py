@@ -423,11 +423,13 @@ def test_completing_a_bowl_takes_nothing_of_what_touches_it(side: int) -> None:
     assert np.count_nonzero(taken & others) <= 0.02 * np.count_nonzero(others)
 
 
-def test_a_mask_of_what_lies_in_a_bowl_or_of_half_a_solid_thing_stays() -> None:
+def test_a_mask_of_what_lies_in_a_bowl_of_its_side_or_of_half_a_solid_thing_stays() -> None:
     solids = hollow(2, (0.85, -0.12), 0.075, 0.07) + block(3, (0.86, -0.12, 0.004), (0.04,) * 3)
     capture, ids = viewed(solids + block(4, (0.85, 0.15), (0.15, 0.15, 0.07)), seed=1)
     scene = scene_of(capture, "network")
-    for mask in (ids == 3, upper(ids == 4, 0.4)):
+    bowl = ids == 2
+    side = bowl & (np.arange(bowl.shape[1]) < np.median(np.nonzero(bowl)[1]))
+    for mask in (ids == 3, side, upper(ids == 4, 0.4)):
         found = find_target(scene, capture, Target(mask=mask)).target_mask
         assert not (found & ~scene.points_under(mask)).any()
 
