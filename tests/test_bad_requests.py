@@ -105,6 +105,7 @@ TARGETS = {
     "on the table": (Target(pixel=(320, 470)), "table"),
     "on nothing": (Target(pixel=(5, 5)), ""),
     "empty mask": (Target(mask=EMPTY), "empty"),
+    "mask of the whole image": (Target(mask=~EMPTY), "100% of the image"),
     "misshapen mask": (Target(mask=EMPTY[:10]), "mask is"),
     "number too high": (Target(object=3), "no object 3; valid: 1 to 2"),
     "number nought": (Target(object=0), "no object 0"),

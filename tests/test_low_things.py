@@ -390,3 +390,51 @@ def test_a_thing_that_the_border_cuts_is_a_lower_bound(side: str) -> None:
         at_most = box.dimensions_at_most_m[1]
         assert box.dimensions_m[1] < size[1] - 0.02
         assert at_most is None or at_most > size[1]
+
+
+# Masks of hollow things
+
+
+BOWL = (2, (0.85, 0.0), 0.075, 0.07)
+
+
+@pytest.mark.parametrize("lost", [0.3, 0.4, 0.5])
+@pytest.mark.parametrize("pitch_deg", [40.0, 55.0])
+def test_a_mask_that_lost_the_near_wall_of_a_bowl_is_completed(
+    lost: float, pitch_deg: float
+) -> None:
+    capture, ids = viewed(hollow(*BOWL), seed=1, pitch_deg=pitch_deg)
+    scene = scene_of(capture, "network")
+    true = ids == 2
+    whole = find_target(scene, capture, Target(mask=true)).target_mask
+    found = find_target(scene, capture, Target(mask=upper(true, lost)))
+    assert np.count_nonzero(found.target_mask & whole) >= 0.98 * np.count_nonzero(whole)
+    assert not (found.obstacle_mask & whole).any() and found.warnings == ()
+    assert np.ptp(scene.points[found.target_mask][:, 0]) == pytest.approx(0.154, abs=0.008)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_completing_a_bowl_takes_nothing_of_what_touches_it(side: int) -> None:
+    beside = block(3, (0.85, side * 0.117), (0.08, 0.08, 0.07))
+    capture, ids = viewed(hollow(*BOWL) + beside, seed=1)
+    scene = scene_of(capture, "network")
+    taken = find_target(scene, capture, Target(mask=upper(ids == 2, 0.4))).target_mask
+    others = find_target(scene, capture, Target(mask=ids == 3)).target_mask
+    assert np.count_nonzero(taken & others) <= 0.02 * np.count_nonzero(others)
+
+
+def test_a_mask_of_what_lies_in_a_bowl_of_its_side_or_of_half_a_solid_thing_stays() -> None:
+    solids = hollow(2, (0.85, -0.12), 0.075, 0.07) + block(3, (0.86, -0.12, 0.004), (0.04,) * 3)
+    capture, ids = viewed(solids + block(4, (0.85, 0.15), (0.15, 0.15, 0.07)), seed=1)
+    scene = scene_of(capture, "network")
+    bowl = ids == 2
+    side = bowl & (np.arange(bowl.shape[1]) < np.median(np.nonzero(bowl)[1]))
+    for mask in (ids == 3, side, upper(ids == 4, 0.4)):
+        found = find_target(scene, capture, Target(mask=mask)).target_mask
+        assert not (found & ~scene.points_under(mask)).any()
+
+
+def upper(mask: np.ndarray, lost: float) -> np.ndarray:
+    """A mask without its lowest rows, as many as hold a share of its pixels."""
+    rows = np.arange(mask.shape[0])[:, None]
+    return np.asarray(mask & (rows < np.quantile(np.nonzero(mask)[0], 1 - lost)))

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import TABLE_M, item, laid, seen
+from PIL import Image
 
-from boxgrasp import Capture, GraspSelector, Target
+from boxgrasp import Capture, GraspSelector, Target, load_capture
 from boxgrasp.errors import TargetError
+from boxgrasp.kernels.table_cells import dilated
 from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.target import find_target
-from boxgrasp.simulate import to_capture
+from boxgrasp.simulate import cast, to_capture
+from boxgrasp.simulate.camera import intrinsics_matrix, look_at
+from boxgrasp.simulate.primitives import Box, Plane, upright
 
 CUBE, TUBE, CAN = 2, 3, 4
 LAID = laid(
@@ -199,6 +206,133 @@ def test_mask_of_an_unorganized_cloud() -> None:
     assert true_object(found.points[own]) == CAN
 
 
+# Masks as detectors give them
+
+
+def grown(mask: np.ndarray, rings: int) -> np.ndarray:
+    return np.asarray(dilated(mask, rings))
+
+
+@pytest.mark.parametrize("wanted", [CUBE, TUBE, CAN])
+@pytest.mark.parametrize("rings", [0, 3])
+def test_a_mask_of_one_thing_is_not_warned_of(wanted: int, rings: int) -> None:
+    capture, scene = view()
+    found = find_target(scene, capture, Target(mask=grown(wanted == OBJECT_IDS, rings)))
+    assert found.warnings == ()
+    assert true_object(scene.points[found.target_mask]) == wanted
+
+
+@pytest.mark.parametrize("wanted", list(combinations((CUBE, TUBE, CAN), 2)))
+def test_a_mask_over_two_things_apart_is_refused_and_both_are_named(
+    wanted: tuple[int, int],
+) -> None:
+    capture, scene = view()
+    with pytest.raises(TargetError, match=r"two things \d+ cm apart") as caught:
+        find_target(scene, capture, Target(mask=np.isin(OBJECT_IDS, wanted)))
+    named = re.findall(r"object (\d)", str(caught.value))
+    assert {chosen(Target(object=int(number))) for number in named} == set(wanted)
+
+
+@pytest.mark.parametrize("wanted", [CUBE, TUBE, CAN])
+@pytest.mark.parametrize("rings", [0, 3])
+def test_an_inverted_mask_is_refused_and_its_object_is_named(wanted: int, rings: int) -> None:
+    capture, scene = view()
+    with pytest.raises(TargetError, match="inverted") as caught:
+        find_target(scene, capture, Target(mask=~grown(wanted == OBJECT_IDS, rings)))
+    (named,) = re.findall(r"all but object (\d)", str(caught.value))
+    assert chosen(Target(object=int(named))) == wanted
+
+
+@pytest.mark.parametrize("share", [0.7, 0.9, 1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mask_over_most_of_the_image_is_refused(share: float, axis: int) -> None:
+    capture, scene = view()
+    at = np.indices(OBJECT_IDS.shape)[axis]
+    mask = at >= (1 - share) * OBJECT_IDS.shape[axis]
+    with pytest.raises(TargetError, match="of the table and background") as caught:
+        find_target(scene, capture, Target(mask=mask))
+    assert f"{mask.mean():.0%} of the image" in str(caught.value)
+    assert ("inverted" in str(caught.value)) <= (share < 1.0)
+
+
+def cast_view(*solids: Box, place: tuple[float, float, float]) -> tuple[Capture, np.ndarray]:
+    """A view of things on the plane z = 0 from a place towards the origin, and who is where."""
+    T, K = look_at(place, (0.0, 0.0, 0.05)), intrinsics_matrix()
+    cast_scene = cast([Plane(0.0), *solids], K, T)
+    return Capture(np.array(cast_scene.depth), K, T), np.asarray(cast_scene.object_ids)
+
+
+def block(number: int, at: tuple[float, float], size: tuple[float, float, float]) -> Box:
+    return Box(upright(*at, size[2] / 2), np.array(size), object_id=number)
+
+
+def test_a_thing_that_fills_most_of_the_image_is_answered() -> None:
+    capture, ids = cast_view(block(1, (0.0, 0.0), (0.5, 0.5, 0.12)), place=(-0.25, 0.0, 0.62))
+    mask = ids == 1
+    assert mask.mean() > 0.5
+    scene = find_scene(capture, (), SceneConfig())
+    found = find_target(scene, capture, Target(mask=mask))
+    assert found.warnings == ()
+    with pytest.raises(TargetError, match="inverted"):
+        find_target(scene, capture, Target(mask=~mask))
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_what_a_nearer_thing_parts_may_be_one_thing(hidden: bool) -> None:
+    """A bar behind a post, and two bars with nothing before the gap between them."""
+    halves = [block(1, (0.1, y), (0.05, 0.10, 0.06)) for y in (-0.09, 0.09)]
+    bar = [block(1, (0.1, 0.0), (0.05, 0.28, 0.06)), block(2, (0.02, 0.0), (0.06, 0.06, 0.2))]
+    capture, ids = cast_view(*(bar if hidden else halves), place=(-0.7, 0.0, 0.35))
+    scene = find_scene(capture, (), SceneConfig())
+    target = Target(mask=ids == 1)
+    if hidden:
+        assert find_target(scene, capture, target).warnings == ()
+    else:
+        with pytest.raises(TargetError, match="8 cm apart"):
+            find_target(scene, capture, target)
+
+
+def test_a_mask_over_two_things_that_touch_is_warned_of() -> None:
+    pair = laid(item("crisps_tube", 0.85, -0.035), item("green_cube", 0.85, 0.035))
+    capture, ids = seen(pair, 0), pair.view().object_ids
+    scene = find_scene(capture, (), SceneConfig())
+    assert len(scene.objects) == 2
+    found = find_target(scene, capture, Target(mask=ids >= 2))
+    assert [warning.code for warning in found.warnings] == ["mask_over_two"]
+    assert "object 1" in str(found.warnings[0]) and "object 2" in str(found.warnings[0])
+    answer = GraspSelector().select(capture, Target(mask=ids >= 2))
+    assert "mask_over_two" in [warning.code for warning in answer.warnings]
+
+
+def test_right_masks_of_labeled_captures_are_neither_refused_nor_warned_of(
+    labeled_dir: Path,
+) -> None:
+    """Some of the things are cut in two by a nearer one."""
+    folders = sorted(path.parent for path in labeled_dir.glob("*/labels.png"))[::5]
+    for folder in folders:
+        capture = load_capture(folder)
+        scene = find_scene(capture, (), SceneConfig())
+        labels = np.asarray(Image.open(folder / "labels.png"))
+        for number in range(2, int(labels.max()) + 1):
+            mask = labels == number
+            if np.count_nonzero(mask) < 400:
+                continue
+            assert find_target(scene, capture, Target(mask=mask)).warnings == (), folder
+            with pytest.raises(TargetError, match="of the table and background"):
+                find_target(scene, capture, Target(mask=~mask))
+
+
+def test_a_mask_without_depth_says_so() -> None:
+    mask = np.zeros(OBJECT_IDS.shape, bool)
+    mask[100:120, 100:120] = True
+    depth = np.array(view()[0].depth)
+    depth[mask] = 0
+    holed = plain(depth=depth)
+    scene = find_scene(holed, (), SceneConfig())
+    with pytest.raises(TargetError, match="no pixel with depth"):
+        find_target(scene, holed, Target(mask=mask))
+
+
 EMPTY = np.zeros(OBJECT_IDS.shape, bool)
 WRONG = {
     "two at once": lambda: Target(pixel=(1, 2), object=1),
@@ -218,6 +352,10 @@ WRONG = {
     "mask of numbers": lambda: Target(mask=EMPTY + 0.5),
     "mask of text": lambda: Target(mask="mask.png"),
     "mask on the table": lambda: Target(mask=_table_patch()),
+    "mask of the table": lambda: Target(mask=OBJECT_IDS == 1),
+    "mask of everything": lambda: Target(mask=np.ones(OBJECT_IDS.shape, np.uint8)),
+    "mask of everything but a thing": lambda: Target(mask=OBJECT_IDS != CAN),
+    "mask of all things": lambda: Target(mask=OBJECT_IDS > 1),
     "point in the air": lambda: Target(point=(0.85, 0.0, 1.4)),
     "point on the table": lambda: Target(point=(0.60, 0.30, TABLE_M)),
     "point NaN": lambda: Target(point=(float("nan"), 0.0, 0.8)),

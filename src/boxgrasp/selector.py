@@ -237,7 +237,12 @@ class GraspSelector:
         )
         context = RankingContext(box, candidates, self._results(surroundings), maps)
         clock.lap("checks")
-        warnings = (*capture.warnings, *scene_warnings(scene), *_truncation_warnings(truncation))
+        warnings = (
+            *capture.warnings,
+            *scene_warnings(scene),
+            *points.warnings,
+            *_truncation_warnings(truncation),
+        )
         return SceneAnalysis(scene, points, context, truncation, warnings, clock)
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:

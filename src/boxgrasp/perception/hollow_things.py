@@ -22,7 +22,7 @@ RIM_SHARE: Final = 0.8  # of what is round a region, from which things enclose i
 _MAIN_SHARE = 0.4  # of it, that a hollow thing in pieces has at least: its far wall
 _LEAST_PIECED = 12  # cells of a region that pieces enclose: a gap between touching things is less
 _PIECE_SHARE = 0.1  # of it, from which another segment may be a piece of the same thing
-_SAME_TOP_M = 0.012  # m, up to which the pieces of one rim differ in height
+SAME_TOP_M: Final = 0.012  # m, up to which the pieces of one rim differ in height
 _TOP_SHARE = 0.98  # of a segment's points that lie lower than its top
 _WITHIN_SHARE = 0.7  # of a region's points, from which it lies within an outline
 _WITHIN_M = 0.004  # m past an outline: a voxel's centroid lies so far inside its edge
@@ -134,9 +134,9 @@ class _Pieces:
         objects = self.segments.objects
         if shares[thing] >= RIM_SHARE or not objects[thing]:
             return
-        top = _top(self.points(thing))
+        top_m = top(self.points(thing))
         for piece in np.flatnonzero((shares >= _PIECE_SHARE) & objects).tolist():
-            if abs(_top(self.points(piece)) - top) <= _SAME_TOP_M:
+            if abs(top(self.points(piece)) - top_m) <= SAME_TOP_M:
                 self.owner_of[self.owner_of == piece] = thing
 
     @property
@@ -253,6 +253,13 @@ def _farthest(outline: Points) -> Points:
     return reach
 
 
-def _top(points: Points) -> float:
-    """The height of a segment's top, m."""
+def top(points: Points) -> float:
+    """The height of a thing's top, but for stray points.
+
+    Args:
+        points: (N, 3) its points over what it stands on, m.
+
+    Returns:
+        The height, m.
+    """
     return float(np.quantile(points[:, 2], _TOP_SHARE))

@@ -214,6 +214,41 @@ class Scene:
         votes = np.bincount(self._shown.rows, inside, minlength=count)
         return np.asarray(2 * votes > np.bincount(self._shown.rows, minlength=count))
 
+    def measured_under(self, mask: NDArray[np.bool_]) -> tuple[int, float]:
+        """What a mask covers of the pixels with depth.
+
+        Args:
+            mask: (H, W) bool, or (N,) beside the points of an unorganized cloud.
+
+        Returns:
+            How many of them, and which share of those that show table or background.
+        """
+        flat = mask.reshape(-1)
+        measured = int(np.count_nonzero(flat[self.views[0].pixels]))
+        background = len(self.views[0].pixels) - len(self._shown.pixels)
+        covered = measured - int(np.count_nonzero(flat[self._shown.pixels]))
+        return measured, covered / max(background, 1)
+
+    def pixels_between(self, first: int, second: int) -> tuple[NDArray[np.int64], Floats]:
+        """The pixels on a straight line in the image between those that show two points.
+
+        Args:
+            first: row of a point.
+            second: row of another one.
+
+        Returns:
+            (n,) int64 flat pixels v * W + u, without the two ends, and (n,) where each lies on the
+            way, from 0 to 1; none where there is no image or the first view does not show both.
+        """
+        ends = [self._shown.pixels[self._shown.rows == row][:1] for row in (first, second)]
+        if self.shape is None or not all(len(end) for end in ends):
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        v, u = np.divmod(np.concatenate(ends).astype(np.int64), self.shape[1])
+        steps = max(int(abs(v[1] - v[0])), int(abs(u[1] - u[0])), 1)
+        along = np.arange(1, steps) / steps
+        at = [np.rint(k[0] + (k[1] - k[0]) * along).astype(np.int64) for k in (v, u)]
+        return at[0] * self.shape[1] + at[1], along
+
     def target_window(self, target_mask: NDArray[np.bool_], margin_px: int) -> TargetWindow | None:
         """The image round a target.
 

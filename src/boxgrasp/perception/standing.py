@@ -89,7 +89,7 @@ def _with_surfaces(scene: Scene, points: TargetPoints) -> tuple[Scene, TargetPoi
         floor_mask=_extended(scene.floor_mask, 0, count),
     )
     return scene, TargetPoints(
-        _extended(points.target_mask, 0, count), _extended(obstacles, 1, count)
+        _extended(points.target_mask, 0, count), _extended(obstacles, 1, count), points.warnings
     )
 
 

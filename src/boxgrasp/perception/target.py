@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Points, readonly
-from boxgrasp.errors import TargetError
-from boxgrasp.kernels.cells import euclidean_clusters
-from boxgrasp.kernels.table_cells import dilated
+from boxgrasp.arrays import readonly
+from boxgrasp.errors import CodedWarning, TargetError
 from boxgrasp.perception.hollow_things import RIM_SHARE
+from boxgrasp.perception.masked_points import masked_points
 from boxgrasp.perception.scene import MISSING, Scene
 from boxgrasp.sensing.capture import Capture
 
 _PIXEL_REACH = 5  # px from a pixel without depth to one that has it
 _POINT_REACH_M = 0.03  # m from a point given to an object's
-_MASK_JOIN_M = 0.03  # m up to which parts under a mask are one thing
 _CLEARLY_M = 0.006  # m over the support plane, where its noise does not reach
-# Of the image's width, by which a mask's outline may be off. Measured with masks shrunk by 3 px of
-# 640 (benchmarks/ugly_scenes.py --grasps): 80 % are answered, 46 % without it.
-_RAGGED = 4 / 640
-_RIM_M = 0.008  # m from a mask's points, where what it left out may be the target's too
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +57,12 @@ class TargetPoints:
     Attributes:
         target_mask: (K,) bool, the target's points.
         obstacle_mask: (K,) bool, those of obstacles.
+        warnings: what the user should know of how the target was given.
     """
 
     target_mask: NDArray[np.bool_]
     obstacle_mask: NDArray[np.bool_]
+    warnings: tuple[CodedWarning, ...] = ()
 
 
 def find_target(scene: Scene, capture: Capture, target: Target | None) -> TargetPoints:
@@ -82,7 +77,8 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
         Two masks over the points.
 
     Raises:
-        TargetError: nothing given, outside the image, on the table, on nothing, unknown number.
+        TargetError: nothing given, outside the image, on the table, on nothing, unknown number, or
+            a mask of two things or of the background.
     """
     chosen = target or Target()
     if chosen.mask is not None:
@@ -240,27 +236,6 @@ def _validated_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
 
 
 def _under_mask(scene: Scene, mask: NDArray[np.bool_]) -> TargetPoints:
-    """The points mostly under the mask; of apart pieces the largest, so that bleed falls off."""
-    under = scene.points_under(mask)
-    if not under.any():
-        raise TargetError("mask covers nothing above the support plane; valid: True on an object")
-    rows = np.flatnonzero(under)
-    pieces = euclidean_clusters(np.ascontiguousarray(scene.points[rows]), _MASK_JOIN_M)
-    under[rows[pieces != np.bincount(pieces).argmax()]] = False
-    beside = _beside(scene.points, under)
-    if mask.ndim == 2:
-        rings = max(1, round(_RAGGED * mask.shape[1]))
-        beside |= scene.points_under(dilated(mask, rings))
-    rim = beside & np.isin(scene.clusters, scene.clusters[under])
-    return TargetPoints(readonly(under), readonly(~under & ~rim & ~scene.floor_mask))
-
-
-def _beside(points: Points, target_mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(K,) points in or next to a cell that holds one of the target's."""
-    cells = np.floor(points / _RIM_M).astype(np.int64)
-    keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
-    held = np.unique(keys[target_mask])
-    beside = np.zeros(len(points), dtype=bool)
-    for x, y, z in itertools.product((-1, 0, 1), repeat=3):
-        beside |= np.isin(keys + (x << 42) + (y << 21) + z, held)
-    return beside
+    found = masked_points(scene, mask)
+    obstacle_mask = readonly(~found.target_mask & ~found.rim_mask & ~scene.floor_mask)
+    return TargetPoints(found.target_mask, obstacle_mask, found.warnings)
