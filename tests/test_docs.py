@@ -602,7 +602,7 @@ def test_what_the_extending_page_adds_works(
     refusal = space["selector"].select(view).refusal
     assert refusal is not None
     assert [item.sentence for item in refusal.violations] == [
-        "within reach: 82.0 cm, at most 80.0 cm"
+        "within reach: 82.2 cm, at most 80.0 cm"
     ]
     assert refusal.violations[0].sentence in page("extending.md")
     # A ranker.
