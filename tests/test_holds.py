@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from boxgrasp import Capture, GraspSelector, Target, load_capture
 from boxgrasp.draw.clouds import base_cloud
 from boxgrasp.draw.evidence import held_points
+from boxgrasp.geometry.plane import Plane as SupportPlane
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import FRONT, Candidates
 from boxgrasp.grasps.checks import CheckContext
@@ -21,7 +22,7 @@ from boxgrasp.grasps.checks.fingers_free import FingersFree
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.grasps.held import points_in_hand
 from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
-from boxgrasp.kernels.held import surfaces_ahead
+from boxgrasp.kernels.held import steady_depths, surfaces_ahead
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES
 from boxgrasp.perception.target import find_target
 from boxgrasp.result import Refusal, Selection
@@ -32,6 +33,7 @@ from boxgrasp.simulate.noise import add_noise
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, upright
 
 HAND = Gripper()
+FAR_BELOW = SupportPlane(np.array([0.0, 0.0, 1.0]), 5.0)
 K = intrinsics_matrix()
 
 
@@ -90,7 +92,7 @@ def test_the_fingertips_go_past_the_surface_and_no_farther(yaw: float) -> None:
 
     def tips(*parts: np.ndarray) -> float:
         points = (np.vstack(parts) @ at[:3, :3].T).astype(np.float32)
-        found = moved_to_surface(one(at @ pose), points, HAND)
+        found = moved_to_surface(one(at @ pose), points, HAND, FAR_BELOW)
         turned = replace(found, T_base_gripper=np.linalg.inv(at) @ found.T_base_gripper)
         assert np.allclose(turned.T_base_gripper[0, 1:3, 3], 0.0, atol=1e-9)
         return tip_of(turned)
@@ -106,6 +108,58 @@ def test_the_fingertips_go_past_the_surface_and_no_farther(yaw: float) -> None:
     # A few stray points are no surface; without one the box's face is kept.
     stray = sheet(0.05, (-0.003, 0.003), (-0.003, 0.003))
     assert len(stray) < RefinementParams().least_points and tips(stray) == pytest.approx(0.01)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1))
+def test_steady_depths_are_those_of_a_naive_search(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.08, 0.08, (int(rng.integers(0, 300)), 3)).astype(np.float32)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    T = make_transform(turn, rng.uniform(-0.03, 0.03, 3))
+    surface, growth = rng.uniform(-0.03, 0.03), rng.uniform(0.0, 0.03)
+    found = np.empty(1)
+    steady_depths(
+        T[None], points, HAND.half_m, 0.12, 0.01, np.array([surface]), 0.0025, 4, growth, 12, found
+    )
+    x, y, z = in_hand(T, points.astype(np.float64)).T
+    slab = (np.abs(z) <= 0.01) & (np.abs(y) <= 0.06)
+
+    def width_at(depth: float) -> float:
+        own = y[slab & (x - surface < depth)]
+        return float(np.ptp(own)) if len(own) else -np.inf
+
+    depths = [0.0025 * k for k in range(4, 13)]
+    steady = [d for d in depths if not width_at(d) - width_at(d - 0.005) > growth]
+    assert found[0] == pytest.approx(steady[0] if steady else 0.01)
+
+
+@pytest.mark.parametrize("radius_m", [0.03, 0.04, 0.05])
+def test_a_cylinder_is_taken_where_its_sides_are_steady(radius_m: float) -> None:
+    """A centimeter past its front they run apart by 45 degrees and more."""
+    T = make_transform(np.eye(3), (-0.1, 0.0, 0.0))
+    angle, z = np.meshgrid(np.arange(-1.5, 1.5, 0.003 / radius_m), np.arange(-0.05, 0.05, 0.003))
+    side = np.stack((0.1 - radius_m * np.cos(angle), radius_m * np.sin(angle), z), axis=-1)
+    points = side.reshape(-1, 3).astype(np.float32)
+    tip = tip_of(moved_to_surface(one(T), points, HAND, FAR_BELOW)) - (0.1 - radius_m)
+    aslant = np.arcsin(1 - tip / radius_m)  # of the side at the fingertips, to the approach
+    assert np.rad2deg(aslant) < 42 and tip < 0.0301
+    # From over a lying one the plane is the limit, if that is nearer.
+    low = SupportPlane(np.array([-1.0, 0.0, 0.0]), 0.1 - radius_m + 0.02)
+    kept = tip_of(moved_to_surface(one(T), points, HAND, low)) - (0.1 - radius_m)
+    assert kept == pytest.approx(min(tip, 0.02 - RefinementParams().plane_gap_m), abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1])
+def test_a_neck_is_taken_at_the_neck(seed: int | None) -> None:
+    """The shoulders below are wider; a neck's own sides are steady."""
+    body = Cylinder(upright(0.8, 0.0, 0.06), 0.04, 0.12, object_id=1)
+    neck = Cylinder(upright(0.8, 0.0, 0.145), 0.014, 0.05, object_id=1)
+    analysis, _ = analysis_of(body, neck, refine="surface", seed=seed)
+    candidates = analysis.context.candidates
+    top = (candidates.face >= 4) & (candidates.line == 2)
+    tips = candidates.T_base_gripper[top] @ (HAND.half_m[0], 0.0, 0.0, 1.0)
+    np.testing.assert_allclose(tips[:, 2], 0.17 - HAND.insertion_depth_m, atol=0.006)
 
 
 def analysis_of(

@@ -16,7 +16,7 @@ from boxgrasp.config import Config, load_config, loaded_hash
 from boxgrasp.errors import CodedWarning, ConfigError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
-from boxgrasp.grasps.candidates import FACES, candidates_of
+from boxgrasp.grasps.candidates import FACES, Candidates, candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
 from boxgrasp.grasps.checks.check import validate_check, validate_result
 from boxgrasp.grasps.refinement import moved_to_surface
@@ -218,10 +218,7 @@ class GraspSelector:
         maps, map_obstacles = self._maps(scene, octomap, box, map_resolutions_m)
         clock.lap("mapping")
         # 4. Every candidate, and what each check says of it (2-4, 3-4).
-        candidates = candidates_of(box, config.gripper, config.candidates.lines)
-        if config.candidates.refine == "surface":
-            target_points = scene.points[points.target_mask]
-            candidates = moved_to_surface(candidates, target_points, config.gripper)
+        candidates = self._candidates(box, scene, points.target_mask)
         surroundings = CheckContext(
             candidates=candidates,
             gripper=config.gripper,
@@ -237,12 +234,8 @@ class GraspSelector:
         )
         context = RankingContext(box, candidates, self._results(surroundings), maps)
         clock.lap("checks")
-        warnings = (
-            *capture.warnings,
-            *scene_warnings(scene),
-            *points.warnings,
-            *_truncation_warnings(truncation),
-        )
+        found = (*scene_warnings(scene), *points.warnings, *_truncation_warnings(truncation))
+        warnings = (*capture.warnings, *found)
         return SceneAnalysis(scene, points, context, truncation, warnings, clock)
 
     def objects(self, capture: Capture) -> tuple[SceneObject, ...]:
@@ -301,6 +294,14 @@ class GraspSelector:
         if self.config.box.fit == "aligned" or window is None or camera is None:
             return unplaced(box)
         return place_sides(box, window, camera, scene.sensor)
+
+    def _candidates(self, box: Box, scene: Scene, target_mask: NDArray[np.bool_]) -> Candidates:
+        """The box's candidates, moved to the target's own surface unless that is unwanted."""
+        config = self.config
+        candidates = candidates_of(box, config.gripper, config.candidates.lines)
+        if config.candidates.refine == "none":
+            return candidates
+        return moved_to_surface(candidates, scene.points[target_mask], config.gripper, scene.plane)
 
     def _results(self, context: CheckContext) -> dict[str, CheckResult]:
         """What each check says, by its name."""

@@ -103,3 +103,58 @@ def surfaces_ahead(
             ahead_m[m, 1] = np.sort(finger[:b])[stray]
         if c > stray:
             ahead_m[m, 2] = np.sort(palm[:c])[stray]
+
+
+@jit
+def steady_depths(
+    T_base_gripper: Floats,
+    points: Points,
+    half_m: Floats,
+    opening_m: float,
+    middle_m: float,
+    surface_m: Floats,
+    step_m: float,
+    least: int,
+    growth_m: float,
+    steps: int,
+    depth_m: Floats,
+) -> None:
+    """How deep behind a target's surface its two sides stop running apart.
+
+    Fingers that close on sides that run apart touch them aslant, and slip off.
+
+    Args:
+        T_base_gripper: (M, 4, 4) float64.
+        points: (N, 3) float32, base frame, m.
+        half_m: (3,) float64 half sizes of the hand's box, m.
+        opening_m: between the fingers, m.
+        middle_m: half the thickness of the slab round the mid-plane that is looked at, m.
+        surface_m: (M,) float64 where the surface is along each approach, from the hand's center,
+            m; NaN for nowhere.
+        step_m: of depth, m.
+        least: steps that are gone in any case.
+        growth_m: of the width over two steps, up to which sides do not run apart, m.
+        steps: down to the deepest.
+        depth_m: (M,) to fill, m, whole steps; `least` of them where the sides never stop.
+    """
+    low, high, width_m = np.empty(steps), np.empty(steps), np.empty(steps)
+    for m in range(T_base_gripper.shape[0]):
+        depth_m[m] = least * step_m
+        if np.isnan(surface_m[m]):
+            continue
+        low[:], high[:] = np.inf, -np.inf
+        for n in range(points.shape[0]):
+            along, across, off = _in_hand(T_base_gripper[m], points, n)
+            if abs(across) > opening_m / 2 or abs(off) > middle_m:
+                continue
+            k = max(int(np.floor((along - surface_m[m]) / step_m)), 0)
+            if k < steps:
+                low[k], high[k] = min(low[k], across), max(high[k], across)
+        for k in range(steps):
+            if k > 0:
+                low[k], high[k] = min(low[k], low[k - 1]), max(high[k], high[k - 1])
+            width_m[k] = high[k] - low[k]
+        for k in range(max(least, 3), steps + 1):
+            if width_m[k - 1] - width_m[k - 3] <= growth_m:
+                depth_m[m] = k * step_m
+                break
