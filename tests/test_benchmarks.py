@@ -19,7 +19,18 @@ from boxgrasp import Capture, Gripper
 FOLDER = Path(__file__).resolve().parent.parent / "benchmarks"
 LEAST = {
     "captures": ["--only", "6dofgn_cheezit"],
-    "cast_scenes": ["--solvable", "1", "--hopeless", "0", "--between", "0", "--processes", "1"],
+    "cast_scenes": [
+        "--solvable",
+        "1",
+        "--hopeless",
+        "0",
+        "--between",
+        "0",
+        "--wide",
+        "2",
+        "--processes",
+        "1",
+    ],
     "labelled_captures": ["--most", "2", "--scenes"],
     "ugly_scenes": ["--scenes", "2"],
     "local_map": ["--rounds", "1"],
