@@ -55,7 +55,8 @@ class MaskParams:
             mask of what lies in the thing does not.
         ragged_share: of the image's width, by which a mask's outline may be off: 4 px of 640. Of
             masks shrunk by 3 px of 640 80 % are answered, 46 % without it.
-        rim_m: from a mask's points, where what it leaves out may be the target's too, m.
+        rim_m: from a mask's points, where what it leaves out may be the target's too, m. Of masks
+            shrunk by 3 px 98 % of what is answerable is answered on the captures; with 8 mm 91 %.
     """
 
     join_m: float = 0.03
@@ -71,7 +72,7 @@ class MaskParams:
     covered_share: float = 0.35
     across_share: float = 0.8
     ragged_share: float = 4 / 640
-    rim_m: float = 0.008
+    rim_m: float = 0.016
 
 
 @dataclass(frozen=True, eq=False)
