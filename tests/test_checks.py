@@ -87,7 +87,6 @@ def test_numbers_of_a_lone_neighbor_are_the_true_ones() -> None:
 @pytest.mark.parametrize("noise", [False, True])
 def test_checks_pass_by_their_values(seed: int, noise: bool) -> None:
     at_least = {
-        "occluded_clearance": 0.02,
         "unseen_distance": 0.0,
         "approach_clearance": 0.005,
         "plane_clearance": 0.003,
@@ -105,12 +104,12 @@ def test_checks_pass_by_their_values(seed: int, noise: bool) -> None:
         margin_m = 0.12 - said["width"].limit
         assert 0.0009 <= margin_m < 0.012  # three deviations of two sides
         assert said["width"].passed == (candidate.width_m <= 0.12 - margin_m)
-        seen = said["visible_clearance"]
-        where = seen.nearest_point_m
-        range_m = 0.0 if where is None else np.linalg.norm(where - scene.T_base_camera[:3, 3])
-        expected_m = 0.02 + 3 * 0.4 * range_m / scene.intrinsics[0, 0]  # of a pixel's spacing
-        assert seen.limit == pytest.approx(expected_m, abs=1e-6)
-        assert seen.passed == (seen.value >= seen.limit)
+        for name in ("visible_clearance", "occluded_clearance"):
+            where = said[name].nearest_point_m
+            range_m = 0.0 if where is None else np.linalg.norm(where - scene.T_base_camera[:3, 3])
+            expected_m = 0.02 + 3 * 0.4 * range_m / scene.intrinsics[0, 0]  # of a pixel's spacing
+            assert said[name].limit == pytest.approx(expected_m, abs=1e-6)
+            assert said[name].passed == (said[name].value >= said[name].limit)
         for name in ("width_known", "allowed_faces"):
             assert said[name].unit is None and said[name].limit == 1.0
             assert said[name].value == float(said[name].passed)

@@ -14,14 +14,13 @@ from boxgrasp.kernels.above import above_plane
 from boxgrasp.kernels.cells import Neighbors, voxel_centroids
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.supports import Supports
-from boxgrasp.sensing.sensor_model import SensorModel
+from boxgrasp.sensing.sensor_model import UNKNOWN_RANGE_M, SensorModel
 
 # Said where there is no point over the plane, and where no cluster of them is an object.
 NOTHING = "nothing stands on the support plane; valid: at least one object in view"
 
 _OBSTACLES_BEYOND_M = 0.6  # past max_range_m, from where a thing may still be in a hand's way
 _EVERYWHERE_M = 1e6  # a range that leaves out nothing
-_UNKNOWN_RANGE_M = np.float32(1.05)  # taken for the range where the camera's place is unknown
 # Bounds memory and time: cluttered tables have some 20,000, the fullest of 63 real captures 34,000;
 # noise all over a view has 200,000.
 _MOST_VOXELS = 80_000
@@ -70,7 +69,7 @@ def points_over(
     """
     if camera_position_m is None:
         origin, farthest_m = np.zeros(3), _EVERYWHERE_M
-        noise_m = float(sensor.axial_noise_m(np.asarray(_UNKNOWN_RANGE_M)))
+        noise_m = float(sensor.axial_noise_m(np.asarray(UNKNOWN_RANGE_M)))
         band_m, noise_gain = config.min_height_m + config.noise_gain * noise_m, 0.0
     else:
         origin, farthest_m = camera_position_m, config.max_range_m + _OBSTACLES_BEYOND_M

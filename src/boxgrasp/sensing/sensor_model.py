@@ -15,6 +15,9 @@ from boxgrasp.arrays import Points
 # Spacings of the pixels; measured on sides of cast boxes that are seen as outlines.
 EDGE_NOISE: Final = np.float32(0.4)
 
+# Taken for the range where the camera's place is unknown.
+UNKNOWN_RANGE_M: Final = np.float32(1.05)
+
 SensorName = Literal["xtion", "realsense", "tof"]
 
 

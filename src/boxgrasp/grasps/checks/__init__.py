@@ -43,8 +43,8 @@ class ChecksConfig:
     Attributes:
         visible_clearance_m: to visible obstacles, m (thesis section 3-4: feasible from 2 cm).
         noise_gain: standard deviations of what was measured that are asked beside
-            visible_clearance_m, and between the target and the fingers. Measured on cast scenes:
-            a gap seen as 2.0 cm is often less.
+            visible_clearance_m and occluded_clearance_m, and between the target and the fingers.
+            Measured on cast scenes: a gap seen as 2.0 cm is often less.
         occluded_clearance_m: to the hidden bodies under and behind visible surfaces, m.
         unseen_distance_m: to space that no ray crossed, m; 0 reports it and refuses nothing,
             since behind every thing there is a shadow.
@@ -98,7 +98,7 @@ def shipped_checks(config: ChecksConfig, faces: Sequence[str]) -> tuple[Check, .
     """
     return (
         VisibleClearance(config.visible_clearance_m, config.noise_gain),
-        OccludedClearance(config.occluded_clearance_m),
+        OccludedClearance(config.occluded_clearance_m, config.noise_gain),
         UnseenDistance(config.unseen_distance_m),
         UnseenFraction(config.unseen_fraction, config.visible_clearance_m),
         ApproachClearance(config.approach_clearance_m, config.pregrasp_distance_m),

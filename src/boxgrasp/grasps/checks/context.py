@@ -19,6 +19,7 @@ from boxgrasp.grasps.held import points_in_hand
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
 from boxgrasp.perception.scene import Scene
+from boxgrasp.sensing.sensor_model import UNKNOWN_RANGE_M
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +175,14 @@ class CheckContext:
             points_m: (M, 3) base frame, m; NaN for nowhere.
 
         Returns:
-            (M,) standard deviation, m; 0 where there is no point, or no camera is known.
+            (M,) standard deviation, m; 0 where there is no point.
         """
-        scene = self.scene
-        if scene.camera_position_m is None:
-            return np.zeros(len(points_m))
-        range_m = np.linalg.norm(points_m - scene.camera_position_m, axis=1).astype(np.float32)
-        noise_m = scene.sensor.edge_noise_m(range_m).astype(np.float64)
-        return np.asarray(np.nan_to_num(noise_m, nan=0.0))
+        scene, camera = self.scene, self.scene.camera_position_m
+        ranges_m = np.full(len(points_m), UNKNOWN_RANGE_M)
+        if camera is not None:
+            ranges_m = np.linalg.norm(points_m - camera, axis=1).astype(np.float32)
+        noise_m = scene.sensor.edge_noise_m(ranges_m).astype(np.float64)
+        return np.where(np.isnan(points_m[:, 0]), 0.0, noise_m)
 
     @cached_property
     def occluded(self) -> Nearest:

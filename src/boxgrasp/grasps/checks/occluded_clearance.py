@@ -14,12 +14,15 @@ class OccludedClearance(Check):
 
     Attributes:
         limit_m: the least distance, m.
+        noise_gain: how many standard deviations of the distance are asked beside it.
     """
 
     limit_m: float
+    noise_gain: float
     name = "occluded_clearance"
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Distances to the nearest visible obstacle or hidden body."""
         near = context.occluded
-        return CheckResult.at_least(near.distance_m, self.limit_m, near.witness)
+        limit_m = self.limit_m + self.noise_gain * context.distance_noise_m(near.witness.points_m)
+        return CheckResult.at_least(near.distance_m, limit_m, near.witness)
