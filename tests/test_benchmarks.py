@@ -146,7 +146,9 @@ def test_ugly_scenes_judges_two() -> None:
 
 def test_cast_scenes_judges_one_scene() -> None:
     out = printed("cast_scenes")
-    assert out.count("answered by a grasp") == 3  # once a segmentation
+    told, wide = out.split("boxes 11.5 cm wide")
+    assert told.count("answered by a grasp") == 3  # once a segmentation
+    assert re.search(r"answered by a grasp +[12] of +2 ", wide) and "unhidden targets" in told
     assert "1 scenes" in out and "hopeless" not in out
 
 

@@ -12,8 +12,8 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from typing import Any, TypeVar
 
@@ -116,14 +116,9 @@ class _Worker:
         self.pipe, far = spawn.Pipe()
         self.index = -1
         self.process = spawn.Process(target=_serve, args=(far,), daemon=True)
-        # Ctrl-C reaches all processes of a terminal; ours is to end the others silently, even
-        # while they start. They inherit what is blocked here.
         resource_tracker.ensure_running()  # it would unblock
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with _interrupt_later():
             self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         far.close()  # so that the pipe ends with the process
 
     def give(self, index: int, function: Callable[[T], R], task: T) -> None:
@@ -160,6 +155,29 @@ class _Worker:
         if code < 0:
             return f"{signal.Signals(-code).name}; is there enough memory?"
         return f'exit status {code}; has the main script its `if __name__ == "__main__"`?'
+
+
+@contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Put off Ctrl-C, which reaches all processes of a terminal, until a process has started.
+
+    Ours is to end the others silently, even while they start. They inherit what is blocked here;
+    this process may get the signal in another thread, and must not give up a half-started one.
+    """
+    came: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    handler = signal.getsignal(signal.SIGINT)
+    if is_main:
+        signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if is_main:
+            signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _serve(pipe: connection.Connection) -> None:
