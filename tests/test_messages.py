@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from array import array
 from types import SimpleNamespace as Message
 from typing import Any
@@ -24,6 +25,7 @@ from boxgrasp.io.messages import (
     read_depth,
     read_intrinsics,
 )
+from boxgrasp.kernels import rvl
 from boxgrasp.sensing.capture import Capture
 
 SEEN = view()
@@ -33,6 +35,7 @@ HOLDERS = {
     "numpy": lambda data: np.frombuffer(data, np.uint8),
     "memoryview": memoryview,
 }
+MILLIMETERS = np.round(SEEN.depth * 1000).astype(np.uint16)
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 quick = settings(max_examples=60, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
@@ -70,6 +73,79 @@ def png_of(millimeters: np.ndarray) -> bytes:
     held = io.BytesIO()
     Image.fromarray(millimeters).save(held, "PNG")
     return held.getvalue()
+
+
+def nibbles_of(number: int) -> list[int]:
+    """Three bits a nibble, lowest first; 8 is added where more follow."""
+    found = []
+    while number > 7:
+        found.append(8 + number % 8)
+        number //= 8
+    return [*found, number]
+
+
+def rvl_stream(pixels: list[int]) -> bytes:
+    """As the paper has it: runs of zeros and of others, the others as differences folded to 0, 1,
+    2, ... for 0, -1, 1, ...; nibbles from the high end of little-endian words of 32 bits."""
+    nibbles, at, before = [], 0, 0
+    while at < len(pixels):
+        start = at
+        while at < len(pixels) and pixels[at] == 0:
+            at += 1
+        nibbles += nibbles_of(at - start)
+        start = at
+        while at < len(pixels) and pixels[at] != 0:
+            at += 1
+        nibbles += nibbles_of(at - start)
+        for value in pixels[start:at]:
+            change = value - before
+            nibbles += nibbles_of(2 * change if change >= 0 else -2 * change - 1)
+            before = value
+    nibbles += [0] * (-len(nibbles) % 8)
+    text = "".join(f"{nibble:x}" for nibble in nibbles)
+    return b"".join(bytes.fromhex(text[i : i + 8])[::-1] for i in range(0, len(text), 8))
+
+
+def rvl_of(millimeters: np.ndarray) -> bytes:
+    height, width = millimeters.shape
+    return struct.pack("<II", width, height) + rvl_stream(millimeters.ravel().tolist())
+
+
+CODINGS = {"png": png_of, "rvl": rvl_of}
+
+
+def unpack_naive(words: list[int], count: int) -> list[int] | None:
+    """Pixels of a stream, or None for a broken one: the twin of the kernel, written to be read."""
+    nibbles = iter([int(digit, 16) for word in words for digit in f"{word:08x}"])
+
+    def number() -> int:
+        digits = [next(nibbles)]
+        while digits[-1] >= 8:
+            digits.append(next(nibbles))
+        if len(digits) > 10:
+            raise ValueError("longer than any image")
+        return sum((digit % 8) * 8**k for k, digit in enumerate(digits))
+
+    pixels: list[int] = []
+    value = 0
+    try:
+        while len(pixels) < count:
+            zeros = number()
+            if zeros > count - len(pixels):
+                return None
+            pixels += [0] * zeros
+            others = number() if len(pixels) < count else 0
+            if others > count - len(pixels):
+                return None
+            for _ in range(others):
+                folded = number()
+                value += folded // 2 if folded % 2 == 0 else -(folded + 1) // 2
+                if not 0 <= value < 65536:
+                    return None
+                pixels.append(value)
+    except (StopIteration, ValueError):
+        return None
+    return pixels
 
 
 def info_message(upper: bool = False, **changes: Any) -> Message:
@@ -170,12 +246,61 @@ def test_color_images_give_red_green_blue(seed, encoding, padding, holder):
 
 
 @pytest.mark.parametrize("holder", HOLDERS)
-def test_compressed_depth_gives_its_meters(holder):
-    millimeters = np.round(SEEN.depth * 1000).astype(np.uint16)
-    message = compressed_message("16UC1; compressedDepth png", png_of(millimeters), holder)
+@pytest.mark.parametrize("coding", CODINGS)
+def test_compressed_depth_gives_its_meters(coding, holder):
+    data = CODINGS[coding](MILLIMETERS)
+    message = compressed_message(f"16UC1; compressedDepth {coding}", data, holder)
     depth = read_compressed_depth(message)
     assert depth.dtype == np.float32 and not depth.flags.writeable
     np.testing.assert_allclose(depth, SEEN.depth, atol=1e-7)
+
+
+def test_compressed_depth_of_unnamed_coding_is_a_png():
+    for told in ("16UC1", "16UC1; compressedDepth"):
+        depth = read_compressed_depth(compressed_message(told, png_of(MILLIMETERS)))
+        np.testing.assert_allclose(depth, SEEN.depth, atol=1e-7)
+
+
+@quick
+@given(
+    seed=seeds,
+    height=st.integers(1, 9),
+    width=st.integers(1, 40),
+    missing=st.sampled_from([0.0, 0.1, 0.9, 1.0]),
+    farthest=st.sampled_from([2, 900, 65536]),
+)
+def test_rvl_gives_back_what_was_packed(seed, height, width, missing, farthest):
+    rng = np.random.default_rng(seed)
+    pixels = rng.integers(1, farthest, (height, width)).astype(np.uint16)
+    pixels[rng.random(pixels.shape) < missing] = 0
+    depth = read_compressed_depth(compressed_message("16UC1; compressedDepth rvl", rvl_of(pixels)))
+    np.testing.assert_array_equal(depth, (pixels * 0.001).astype(np.float32))
+
+
+def test_rvl_of_the_smallest_images_is_as_worked_out_by_hand():
+    # No zeros, 2 others: 5 (folded 10: 2 more, 1) and 4 (folded 1).
+    words = np.array([0x02A11000], np.uint32)
+    pixels = np.zeros(2, np.uint16)
+    assert rvl.unpack(words, pixels) == 2 and pixels.tolist() == [5, 4]
+    # 9 zeros (1 more, 1), with and without the 0 others that follow.
+    for word in (0x91000000, 0x91FFFFFF):
+        nine = np.ones(9, np.uint16)
+        assert rvl.unpack(np.array([word], np.uint32), nine) == 9 and not nine.any()
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    words=st.lists(st.integers(0, 2**32 - 1) | st.sampled_from([0, 0x01010101, 2**32 - 1])),
+    count=st.integers(1, 60),
+)
+def test_rvl_equals_its_naive_twin_on_any_words(words, count):
+    guarded = np.full(count + 2, 7, np.uint16)
+    filled = rvl.unpack(np.array(words, np.uint32), guarded[1:-1])
+    naive = unpack_naive(words, count)
+    assert (filled < 0) == (naive is None)
+    if naive is not None:
+        assert filled == count and guarded[1:-1].tolist() == naive
+    assert guarded[0] == guarded[-1] == 7
 
 
 @pytest.mark.parametrize("upper", [False, True], ids=["ros2", "ros1"])
@@ -375,24 +500,54 @@ def test_missing_fields_are_named():
         assert f"message has no field '{name}'" in refused(call, bare, *others)
 
 
-def test_compressed_depth_of_other_formats_or_damaged_is_refused():
-    for told in ("32FC1; compressedDepth png", "", "jpeg", "x\n"):
-        assert "valid: 16UC1 as PNG" in refused(
-            read_compressed_depth, compressed_message(told, b"")
-        )
-    png = png_of(np.round(SEEN.depth * 1000).astype(np.uint16))
-    for cut in (0, 5, 20, 40, len(png) // 2):
-        refused(read_compressed_depth, compressed_message("16UC1; compressedDepth png", png[:cut]))
-    short = Message(format="16UC1; compressedDepth png", data=b"1234")
-    refused(read_compressed_depth, short)
+def test_compressed_depth_of_other_formats_is_refused():
+    for told in ("32FC1; compressedDepth png", "32FC1; compressedDepth rvl", "", "jpeg", "x\n"):
+        message = compressed_message(told, b"")
+        assert "valid: 16UC1 as PNG or RVL" in refused(read_compressed_depth, message)
 
 
+@pytest.mark.parametrize("coding", CODINGS)
+def test_truncated_compressed_depth_is_refused(coding):
+    told, data = f"16UC1; compressedDepth {coding}", CODINGS[coding](MILLIMETERS)
+    for cut in (0, 5, 8, 20, 41, len(data) // 2):
+        refused(read_compressed_depth, compressed_message(told, data[:cut]))
+    refused(read_compressed_depth, Message(format=told, data=b"1234"))
+
+
+@pytest.mark.parametrize(
+    "data, message",
+    [
+        (b"", "truncated: its RVL has no size"),
+        (struct.pack("<II", 0, 5), "claims 0 x 5 pixels"),
+        (struct.pack("<II", 2**32 - 1, 2**32 - 1), "claims 4294967295 x 4294967295 pixels"),
+        (struct.pack("<II", 8000, 8000), "truncated: no RVL of 8000 x 8000 pixels"),
+        (rvl_of(MILLIMETERS)[:-4], "truncated: no RVL of 32 x 24 pixels"),
+        (rvl_of(MILLIMETERS)[:-1], "truncated: no RVL of 32 x 24 pixels"),
+        (struct.pack("<III", 2, 1, 0x30000000), "damaged"),  # 3 zeros of 2 pixels
+        (struct.pack("<III", 2, 1, 0x03222000), "damaged"),  # 3 others
+        (struct.pack("<III", 2, 1, 0x01100000), "damaged"),  # -1
+        (struct.pack("<IIII", 2, 1, 0xFFFFFFFF, 0xFFFFFFFF), "damaged"),  # a number without end
+        (struct.pack("<II", 9, 9) + bytes(4000), "truncated"),  # runs of nothing
+    ],
+)
+def test_malformed_rvl_is_refused(data, message):
+    packed = compressed_message("16UC1; compressedDepth rvl", data)
+    assert message in refused(read_compressed_depth, packed)
+
+
+@pytest.mark.parametrize("coding", CODINGS)
 @quick
-@given(noise=st.binary(max_size=200), keep=st.integers(0, 400))
-def test_noise_in_a_compressed_depth_gives_an_image_or_a_reason(noise, keep):
-    png = png_of(np.round(SEEN.depth * 1000).astype(np.uint16))
-    message = compressed_message("16UC1; compressedDepth png", png[:keep] + noise)
+@given(noise=st.binary(max_size=200), keep=st.integers(0, 400), change=st.integers(0, 255))
+def test_noise_in_a_compressed_depth_gives_an_image_or_a_reason(coding, noise, keep, change):
+    data = bytearray(CODINGS[coding](MILLIMETERS)[:keep] + noise)
+    if len(data) > 8:
+        data[keep % (len(data) - 8) + 8] ^= change  # behind the size
+    message = compressed_message(f"16UC1; compressedDepth {coding}", bytes(data))
     try:
-        assert read_compressed_depth(message).ndim == 2
+        depth = read_compressed_depth(message)
     except CaptureError as error:
         assert str(error).isprintable()
+        return
+    assert depth.ndim == 2 and (
+        coding == "png" or depth.shape[::-1] == struct.unpack("<II", data[:8])
+    )

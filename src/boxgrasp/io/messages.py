@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import operator
+import struct
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import MAX_PIXELS, validate_cloud_size
 from boxgrasp.io.images import read_depth_png
+from boxgrasp.kernels import rvl
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import Bytes, CloudFrame
 
@@ -25,6 +27,7 @@ _DEPTH_ENCODINGS: Final = {"16UC1": ("u2", 0.001), "mono16": ("u2", 0.001), "32F
 _COLOR_ENCODINGS: Final = {"rgb8": (3, 1), "bgr8": (3, -1), "rgba8": (4, 1), "bgra8": (4, -1)}
 _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _COMPRESSED_HEADER: Final = 12  # of compressed_depth_image_transport, before the image
+_RVL_HEADER: Final = 8  # bytes: width and height, before the stream
 
 
 def read_depth(image: Any) -> Points:
@@ -53,7 +56,7 @@ def read_compressed_depth(image: Any) -> Points:
     """The depth of a sensor_msgs/CompressedImage of compressed_depth_image_transport.
 
     Args:
-        image: 16UC1 in mm, as PNG.
+        image: 16UC1 in mm, as PNG or RVL.
 
     Returns:
         (H, W) float32, m, read-only.
@@ -62,9 +65,10 @@ def read_compressed_depth(image: Any) -> Points:
         CaptureError: another format, a field missing, or damaged data.
     """
     told = str(_field(image, "format"))
-    if not told.startswith("16UC1") or "rvl" in told.lower():
-        raise CaptureError(f"compressed depth is {told!r:.60}; valid: 16UC1 as PNG")
-    millimeters = _unpack_png(_data(image)[_COMPRESSED_HEADER:])
+    if not told.startswith("16UC1"):  # of 32FC1 the inverse depth is sent, quantized
+        raise CaptureError(f"compressed depth is {told!r:.60}; valid: 16UC1 as PNG or RVL")
+    unpack = _unpack_rvl if "rvl" in told.lower() else _unpack_png
+    millimeters = unpack(_data(image)[_COMPRESSED_HEADER:])
     return readonly((millimeters * 0.001).astype(np.float32))
 
 
@@ -75,6 +79,23 @@ def _unpack_png(data: Bytes) -> NDArray[np.uint16]:
         raise
     except Exception as error:  # a damaged PNG makes Pillow raise nearly anything
         raise CaptureError(f"compressed depth is damaged: {type(error).__name__}") from None
+
+
+def _unpack_rvl(data: Bytes) -> NDArray[np.uint16]:
+    if len(data) < _RVL_HEADER:
+        raise CaptureError("compressed depth is truncated: its RVL has no size")
+    width, height = struct.unpack_from("<II", data.data)
+    if not 0 < width * height <= MAX_PIXELS:
+        raise CaptureError(
+            f"compressed depth claims {width} x {height} pixels; valid: 1 to {MAX_PIXELS}"
+        )
+    words = data[_RVL_HEADER : len(data) - len(data) % 4].tobytes()  # aligned
+    pixels = np.empty(width * height, np.uint16)
+    filled = rvl.unpack(np.frombuffer(words, "<u4").astype(np.uint32), pixels)
+    if filled < 0:
+        what = "truncated" if filled == rvl.TRUNCATED else "damaged"
+        raise CaptureError(f"compressed depth is {what}: no RVL of {width} x {height} pixels")
+    return pixels.reshape(height, width)
 
 
 def is_color(image: Any) -> bool:
