@@ -213,12 +213,12 @@ def boxes_report(unhidden: list[Outcome]) -> None:
 
 def wide_report(count: int, seed: int) -> None:
     """Boxes a little narrower than the hand opens."""
-    low = SimulatedObject("wide", "known", (200, 60, 50), (Part("box", WIDE_M, _ON_TABLE, None),))
+    wide = SimulatedObject("wide", "known", (200, 60, 50), (Part("box", WIDE_M, _ON_TABLE, None),))
     asked, off_m = GraspSelector(), []
     answered = 0
     for number in range(count):
         rng = np.random.default_rng((seed, number, 2))
-        scene = draw_scene(rng, "wide", 0, yaw="random", objects={"wide": low})
+        scene = draw_scene(rng, "wide", 0, yaw="random", objects={"wide": wide})
         selection = asked.select(to_capture(scene, rng)[0])
         answered += selection.status == "grasp"
         off_m.append(min(selection.box.dimensions_m[:2]) - min(WIDE_M[:2]))

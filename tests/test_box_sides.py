@@ -15,8 +15,8 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.outline import outline_points
 from boxgrasp.kernels.side_end import side_end
-from boxgrasp.perception.box_sides import REACH_PX, PlacedBox, SideParams, place_sides, unplaced
-from boxgrasp.perception.scene import TargetWindow
+from boxgrasp.perception.box_sides import PlacedBox, SideParams, place_sides, unplaced
+from boxgrasp.perception.scene import REACH_PX, TargetWindow
 from boxgrasp.sensing.sensor_model import XTION, SensorModel
 from boxgrasp.simulate import TableScene, to_capture, true_box
 from boxgrasp.simulate.camera import cast

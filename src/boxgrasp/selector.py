@@ -26,10 +26,10 @@ from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES, MapObstacles, unexplained_cells
 from boxgrasp.mapping.view_rays import view_rays
 from boxgrasp.perception.box_fit import fit_box
-from boxgrasp.perception.box_sides import REACH_PX, PlacedBox, place_sides, unplaced
+from boxgrasp.perception.box_sides import PlacedBox, place_sides, unplaced
 from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.numbering import SceneObject
-from boxgrasp.perception.scene import Scene
+from boxgrasp.perception.scene import REACH_PX, Scene, TargetWindow
 from boxgrasp.perception.standing import stand_target
 from boxgrasp.perception.target import Target, TargetPoints, find_target
 from boxgrasp.perception.truncation import Truncation, find_truncation
@@ -210,9 +210,10 @@ class GraspSelector:
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
         scene, points = stand_target(scene, find_target(scene, capture, target))
-        placed = self._placed_box(scene, points.target_mask)
+        window = scene.target_window(points.target_mask, REACH_PX)
+        placed = self._placed_box(scene, points.target_mask, window)
         box = placed.box
-        truncation = find_truncation(capture, scene, points.target_mask, box)
+        truncation = find_truncation(capture, scene, window, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
         maps, map_obstacles = self._maps(scene, octomap, box, map_resolutions_m)
@@ -285,11 +286,12 @@ class GraspSelector:
         """Compile or load every kernel, so that the first select is as quick as the next."""
         self.select(_two_blocks(), Target(pixel=(80, 60)))
 
-    def _placed_box(self, scene: Scene, target_mask: NDArray[np.bool_]) -> PlacedBox:
+    def _placed_box(
+        self, scene: Scene, target_mask: NDArray[np.bool_], window: TargetWindow | None
+    ) -> PlacedBox:
         """The box round the target, its sides at the thing's own where an image shows them."""
         points = scene.points[target_mask]
         box = fit_box(points, scene.plane, _heading(scene), self.config.box)
-        window = scene.target_window(target_mask, REACH_PX)
         camera = scene.camera_position_m
         if self.config.box.fit == "aligned" or window is None or camera is None:
             return unplaced(box)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import io
 import operator
 import struct
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +23,8 @@ from boxgrasp.io.images import read_depth_png
 from boxgrasp.kernels import rvl
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import Bytes, CloudFrame
+
+T = TypeVar("T")
 
 _DEPTH_ENCODINGS: Final = {"16UC1": ("u2", 0.001), "mono16": ("u2", 0.001), "32FC1": ("f4", 1.0)}
 _COLOR_ENCODINGS: Final = {"rgb8": (3, 1), "bgr8": (3, -1), "rgba8": (4, 1), "bgra8": (4, -1)}
@@ -42,10 +45,7 @@ def read_depth(image: Any) -> Points:
     Raises:
         CaptureError: another encoding, a field missing, or sizes that do not fit its data.
     """
-    encoding = str(_field(image, "encoding"))
-    if encoding not in _DEPTH_ENCODINGS:
-        raise CaptureError(f"image is {encoding!r:.40}; valid: {', '.join(_DEPTH_ENCODINGS)}")
-    kind, scale = _DEPTH_ENCODINGS[encoding]
+    kind, scale = _coded(image, _DEPTH_ENCODINGS)
     values = _pixels(image, kind, 1)[..., 0]
     if kind == "u2":
         values = values * scale
@@ -125,11 +125,16 @@ def read_color(image: Any) -> Bytes:
     Raises:
         CaptureError: another encoding, a field missing, or sizes that do not fit its data.
     """
-    encoding = str(_field(image, "encoding"))
-    if encoding not in _COLOR_ENCODINGS:
-        raise CaptureError(f"image is {encoding!r:.40}; valid: {', '.join(_COLOR_ENCODINGS)}")
-    channels, order = _COLOR_ENCODINGS[encoding]
+    channels, order = _coded(image, _COLOR_ENCODINGS)
     return readonly(_pixels(image, "u1", channels)[..., :3][..., ::order])
+
+
+def _coded(image: Any, encodings: Mapping[str, T]) -> T:
+    """What is known of the encoding of a sensor_msgs/Image."""
+    encoding = str(_field(image, "encoding"))
+    if encoding not in encodings:
+        raise CaptureError(f"image is {encoding!r:.40}; valid: {', '.join(encodings)}")
+    return encodings[encoding]
 
 
 def _pixels(image: Any, kind: str, channels: int) -> NDArray[Any]:

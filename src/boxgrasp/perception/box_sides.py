@@ -10,11 +10,10 @@ from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.geometry.box import Box
 from boxgrasp.kernels.outline import outline_points
 from boxgrasp.kernels.side_end import side_end
-from boxgrasp.perception.scene import TargetWindow
+from boxgrasp.perception.scene import REACH_PX, TargetWindow
 from boxgrasp.sensing.sensor_model import EDGE_NOISE, SensorModel
 
 _SLANTS_RAD = (0.45, -0.45, 0.9, -0.9)  # from the front; a square is no circle at all of them
-REACH_PX = 6  # from a pixel at the outline to the first that shows what is behind
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from boxgrasp.perception.view import View, rows_of, scan_views
 from boxgrasp.sensing.capture import Capture, Pixels
 from boxgrasp.sensing.sensor_model import SensorModel
 
+REACH_PX = 6  # from a target's outline to what is next: holes in the depth are narrower
 TABLE, MISSING = -1, -2  # what a pixel shows where it shows no point of the scene
 
 _BORDER_PX = 3  # from the image's rim: a thing that reaches as far goes on beyond

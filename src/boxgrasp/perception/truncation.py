@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Array, Floats, Points
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
-from boxgrasp.perception.scene import Scene, TargetWindow
+from boxgrasp.perception.scene import REACH_PX, Scene, TargetWindow
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.sensor_model import SensorModel
 
 # Found on cast scenes, where the hidden edges are known.
-_REACH_PX = 6  # from an edge to what hides it: holes in the depth are narrower
 _BRIDGED_M = 0.015  # m, holes as wide as this are bridged too
 _NEARER_M = 0.02  # m, from which one thing is in front of another
 _EDGE_BAND_M = 0.012  # m, inside the box's edge: what lies there is at the edge
@@ -46,7 +45,7 @@ class Truncation:
 
 
 def find_truncation(
-    capture: Capture, scene: Scene, target_mask: NDArray[np.bool_], box: Box
+    capture: Capture, scene: Scene, window: TargetWindow | None, box: Box
 ) -> Truncation:
     """Which edges of the box end at something nearer or at the border (docs/how-it-works.md).
 
@@ -56,7 +55,7 @@ def find_truncation(
     Args:
         capture: the view, whose robot mask hides too.
         scene: its K points, and which pixels show them.
-        target_mask: (K,) bool, the target's points.
+        window: the image round the target, `REACH_PX` round it; None without one.
         box: the target's.
 
     Returns:
@@ -64,7 +63,6 @@ def find_truncation(
     """
     known = [True, True]
     cut = False
-    window = scene.target_window(target_mask, _REACH_PX)
     if window is not None and scene.T_base_camera is not None:
         depth = _depths(window, scene.T_base_camera, capture.robot_mask)
         sides = _sides(window, depth, _Shadow(capture, scene.sensor, scene.T_base_camera))
@@ -152,10 +150,10 @@ class _Shadow:
         if len(depth) == 0:
             return found
         image, focal_px = self.image, self.capture.focal_px or self.sensor.focal_px
-        bridged_px = np.maximum(_REACH_PX, focal_px * _BRIDGED_M / depth)
+        bridged_px = np.maximum(REACH_PX, focal_px * _BRIDGED_M / depth)
         widest_px = focal_px * self.sensor.baseline_m / depth + bridged_px
         undecided = np.ones(len(depth), dtype=np.bool_)
-        for by in range(_REACH_PX + 1, int(widest_px.max()) + 1):
+        for by in range(REACH_PX + 1, int(widest_px.max()) + 1):
             undecided &= by <= widest_px
             v, u = at[0] + step[0] * by, at[1] + step[1] * by
             inside = (v >= 0) & (v < image.shape[0]) & (u >= 0) & (u < image.shape[1])
@@ -177,7 +175,7 @@ class _Shadow:
 
 @dataclass(frozen=True, eq=False)
 class _Padded:
-    """The window with a margin of `_REACH_PX` round it, made once for all sides.
+    """The window with a margin of `REACH_PX` round it, made once for all sides.
 
     Attributes:
         target_mask: bool, False in the margin.
@@ -194,12 +192,12 @@ class _Padded:
     def shifted(self, array: Array, step: tuple[int, int], by: int) -> Array:
         """(h, w) what lies `by` steps beside each pixel of the window."""
         height, width = self.near_limit.shape
-        v, u = _REACH_PX + step[0] * by, _REACH_PX + step[1] * by
+        v, u = REACH_PX + step[0] * by, REACH_PX + step[1] * by
         return array[v : v + height, u : u + width]
 
 
 def _padded(array: Array, value: float) -> Array:
-    reach = _REACH_PX
+    reach = REACH_PX
     height, width = array.shape
     padded = np.full((height + 2 * reach, width + 2 * reach), value, dtype=array.dtype)
     padded[reach:-reach, reach:-reach] = array
@@ -305,7 +303,7 @@ def _scan_side(
     ends = padded.shifted(padded.target_mask, step, 0).copy()
     nearer = np.zeros_like(ends)
     decided = np.zeros_like(ends)
-    for by in range(1, _REACH_PX + 1):
+    for by in range(1, REACH_PX + 1):
         # A hole in the depth is no end.
         ends &= ~padded.shifted(padded.target_mask, step, by)
         found = padded.shifted(padded.measured, step, by) & ~decided

@@ -165,17 +165,25 @@ class CheckContext:
         near = Nearest(distance, self._witness(row, self.obstacle_points, self.obstacle_objects))
         return near.or_nearer(self._map_cells(self.hands)) if len(self.map_obstacles) else near
 
-    def distance_noise_m(self, points_m: Floats) -> Floats:
-        """How uncertain the distance to what lies at some points is.
-
-        A surface ends somewhere past its last pixel. Noise of the depth asks for nothing more:
-        what it brings nearest is nearer than it is.
+    def keeps_off(self, near: Nearest, limit_m: float, noise_gain: float) -> CheckResult:
+        """The result of a check of the distance to what was measured.
 
         Args:
-            points_m: (M, 3) base frame, m; NaN for nowhere.
+            near: the nearest to each of the M hands.
+            limit_m: the least distance, m.
+            noise_gain: how many standard deviations of the distance are asked beside it.
 
         Returns:
-            (M,) standard deviation, m; 0 where there is no point.
+            The result.
+        """
+        limits_m = limit_m + noise_gain * self._distance_noise_m(near.witness.points_m)
+        return CheckResult.at_least(near.distance_m, limits_m, near.witness)
+
+    def _distance_noise_m(self, points_m: Floats) -> Floats:
+        """(M,) standard deviation of the distance to what lies at (M, 3) points, m; NaN: nowhere.
+
+        A surface ends somewhere past its last pixel. Noise of the depth asks for nothing more:
+        what it brings nearest is nearer than it is. 0 where there is no point.
         """
         scene, camera = self.scene, self.scene.camera_position_m
         ranges_m = np.full(len(points_m), UNKNOWN_RANGE_M)

@@ -23,6 +23,4 @@ class OccludedClearance(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Distances to the nearest visible obstacle or hidden body."""
-        near = context.occluded
-        limit_m = self.limit_m + self.noise_gain * context.distance_noise_m(near.witness.points_m)
-        return CheckResult.at_least(near.distance_m, limit_m, near.witness)
+        return context.keeps_off(context.occluded, self.limit_m, self.noise_gain)

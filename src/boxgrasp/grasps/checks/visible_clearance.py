@@ -23,6 +23,4 @@ class VisibleClearance(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Distances to the nearest visible obstacle."""
-        near = context.visible
-        limit_m = self.limit_m + self.noise_gain * context.distance_noise_m(near.witness.points_m)
-        return CheckResult.at_least(near.distance_m, limit_m, near.witness)
+        return context.keeps_off(context.visible, self.limit_m, self.noise_gain)
