@@ -44,8 +44,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def context_of(seed: int, lines: int = 3) -> RankingContext:
-    selector = GraspSelector({"candidates": {"lines": lines}})
-    return selector.analyze(seen(drawn(seed), seed), map_resolutions_m=CELLS_M).context
+    selector = GraspSelector({"candidates": {"lines": lines}}, map_resolutions_m=CELLS_M)
+    return selector.analyze(seen(drawn(seed), seed)).context
 
 
 def a_box(x: float, y: float, z: float, at: float = 0.8, lines: int = 3) -> RankingContext:

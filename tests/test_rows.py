@@ -22,7 +22,6 @@ from boxgrasp.teaching.operators import Label
 from boxgrasp.teaching.rows import (
     CHECK_FLAGS,
     CHECK_VALUES,
-    MAP_RESOLUTIONS_M,
     RowConfig,
     row_of,
     scenario_of_row,
@@ -69,7 +68,7 @@ def test_models_see_in_rows_what_they_see_in_the_maps(rows) -> None:
     capture, object_ids = scenario.capture("xtion")
     mask = Target(mask=object_ids == scenario.scene.target_id)
     chosen = selector("given", 3)
-    context = chosen.analyze(capture, mask, map_resolutions_m=MAP_RESOLUTIONS_M).context
+    context = chosen.analyze(capture, mask).context
     for name in SAMPLINGS:
         local_map = context.local_maps[RESOLUTION_M[name]]
         alone = SampledScenes.of_map(local_map, context.box.dimensions_m, name)

@@ -82,6 +82,32 @@ def test_stages_add_up_to_the_total(seed: int) -> None:
     assert sum(timings.values()) == pytest.approx(total, rel=0.05, abs=0.5)
 
 
+def test_stages_are_told_as_they_end_and_either_half_answers_as_the_whole() -> None:
+    capture, selector, told = seen(drawn(3), 3), GraspSelector(), list[str]()
+    whole = selector.select(capture, on_stage=told.append)
+    assert [*told, "total"] == [*whole.timings_ms]
+    halves = selector.choose(selector.analyze(capture))
+    assert halves.to_dict() | {"timings_ms": 0} == whole.to_dict() | {"timings_ms": 0}
+
+
+class _StopError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("last", ["scene", "box", "mapping", "checks", "rank", "answer"])
+def test_what_a_stages_listener_raises_ends_the_call(last: str) -> None:
+    told: list[str] = []
+
+    def stop(stage: str) -> None:
+        told.append(stage)
+        if stage == last:
+            raise _StopError
+
+    with pytest.raises(_StopError):
+        GraspSelector().select(seen(drawn(3), 3), on_stage=stop)
+    assert told[-1] == last
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_grasps_are_clear_in_truth(seed: int) -> None:
     """Noisy views of the thesis's scenes, hidden sides included: no contact, off the table."""

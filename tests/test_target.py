@@ -322,6 +322,15 @@ def test_right_masks_of_labeled_captures_are_neither_refused_nor_warned_of(
                 find_target(scene, capture, Target(mask=~mask))
 
 
+@pytest.mark.parametrize("wanted", [CUBE, TUBE, CAN])
+def test_by_a_detectors_box(wanted: int) -> None:
+    v, u = np.nonzero(OBJECT_IDS == wanted)
+    tight = (u.min(), v.min(), u.max(), v.max())
+    assert chosen(Target(box=tight)) == wanted
+    for off in ((-6, -4, 5, 8), (7, 7, 7, 7), (4, 3, -4, -3)):
+        assert chosen(Target(box=tuple(np.add(tight, off)))) == wanted
+
+
 def test_a_mask_without_depth_says_so() -> None:
     mask = np.zeros(OBJECT_IDS.shape, bool)
     mask[100:120, 100:120] = True
@@ -336,7 +345,14 @@ def test_a_mask_without_depth_says_so() -> None:
 EMPTY = np.zeros(OBJECT_IDS.shape, bool)
 WRONG = {
     "two at once": lambda: Target(pixel=(1, 2), object=1),
-    "all at once": lambda: Target((1, 2), EMPTY, (0.0, 0.0, 0.0), 1),
+    "all at once": lambda: Target((1, 2), EMPTY, (0.0, 0.0, 0.0), 1, (0, 0, 9, 9)),
+    "box on nothing": lambda: Target(box=(2, 2, 40, 40)),
+    "box of everything": lambda: Target(box=(0, 0, 639, 479)),
+    "box outside": lambda: Target(box=(700, 10, 800, 40)),
+    "box upside down": lambda: Target(box=(100, 80, 40, 120)),
+    "box NaN": lambda: Target(box=(float("nan"), 2, 40, 40)),
+    "box of three": lambda: Target(box=(1, 2, 3)),  # type: ignore[arg-type]
+    "box of text": lambda: Target(box=("a", "b", "c", "d")),  # type: ignore[arg-type]
     "right of the image": lambda: Target(pixel=(640, 100)),
     "above the image": lambda: Target(pixel=(100, -1)),
     "pixel not a number": lambda: Target(pixel=("a", 2)),  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,6 +45,8 @@ from boxgrasp.ranking.ranker import (
 from boxgrasp.result import Candidate, CheckValue, Grasp, Refusal, Selection, TargetBox
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.version import __version__
+
+OnStage = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +110,7 @@ class GraspSelector:
         *,
         ranker: Ranker | None = None,
         checks: Sequence[Check] | None = None,
+        map_resolutions_m: Sequence[float] = (),
     ) -> None:
         """Prepare ranker and checks.
 
@@ -115,6 +118,8 @@ class GraspSelector:
             config: a YAML file's path, nested names and values, a Config, or None for defaults.
             ranker: orders the candidates in place of the configuration's.
             checks: in place of `default_checks(config)`.
+            map_resolutions_m: cell sizes of local maps that `analyze` makes beside those that the
+                ranker and the checks read, m.
 
         Raises:
             ConfigError: a faulty configuration, what is no ranker or no check, or two checks of
@@ -132,6 +137,7 @@ class GraspSelector:
         )
         own = _checks_of(self.config) if checks is None else checks
         self.checks = tuple(validate_check(check) for check in own)
+        self._map_resolutions_m = tuple(map_resolutions_m)
         names = [check.name for check in self.checks]
         if len(set(names)) < len(names):
             raise ConfigError(f"checks are named {', '.join(names)}; valid: each name once")
@@ -142,6 +148,8 @@ class GraspSelector:
         target: Target | None = None,
         scans: Sequence[Capture] = (),
         octomap: MapCells | None = None,
+        *,
+        on_stage: OnStage | None = None,
     ) -> Selection:
         """Choose the grasp that is ranked best and passes every check, or ask for help.
 
@@ -150,6 +158,7 @@ class GraspSelector:
             target: the object wanted; None for the capture's own mask or pixel.
             scans: further views of the same scene, each with its pose.
             octomap: a map of the scene in the base frame, in place of one of our own.
+            on_stage: called with the name of each stage as it ends; what it raises ends the call.
 
         Returns:
             A grasp or a refusal, with its evidence.
@@ -159,9 +168,18 @@ class GraspSelector:
             TargetError: the target cannot be found where it was pointed at.
         """
         # 1 to 4. The box, what surrounds it, every candidate and every check (2-1, 2-2, 2-4).
-        analysis = self.analyze(
-            capture, target, scans, octomap, map_resolutions_m=self.ranker.map_resolutions_m
-        )
+        analysis = self.analyze(capture, target, scans, octomap, on_stage=on_stage)
+        return self.choose(analysis).seen_in(capture)
+
+    def choose(self, analysis: SceneAnalysis) -> Selection:
+        """The second half of `select`, for whoever wants the analysis too.
+
+        Args:
+            analysis: of `analyze`.
+
+        Returns:
+            As `select`, without its picture.
+        """
         # 5. The order of the candidates (2-3).
         context, clock = analysis.context, analysis.clock
         ranking = validate_ranking(
@@ -171,7 +189,7 @@ class GraspSelector:
         # 6. The first in this order that passes, or a question (6-1).
         selection = self._answer(analysis, ranking)
         clock.lap("answer")
-        return replace(selection, timings_ms=clock.timings_ms()).seen_in(capture)
+        return replace(selection, timings_ms=clock.timings_ms())
 
     def analyze(
         self,
@@ -181,7 +199,7 @@ class GraspSelector:
         octomap: MapCells | None = None,
         *,
         scene: Scene | None = None,
-        map_resolutions_m: Sequence[float] = (),
+        on_stage: OnStage | None = None,
     ) -> SceneAnalysis:
         """All that is known before a choice is made.
 
@@ -191,7 +209,7 @@ class GraspSelector:
             scans: as `select`.
             octomap: as `select`.
             scene: spares finding it again; scans then go into the local map alone.
-            map_resolutions_m: cell sizes of further local maps, m.
+            on_stage: as `select`.
 
         Returns:
             The candidates with every check's result, and what they rest on.
@@ -201,7 +219,7 @@ class GraspSelector:
             TargetError: as `select`.
         """
         config = self.config
-        clock = Clock()
+        clock = Clock(on_stage)
         # 1. The support plane and what stands on it (appendix A).
         if scene is None:
             scene = self.scene(capture, scans)
@@ -216,7 +234,7 @@ class GraspSelector:
         truncation = find_truncation(capture, scene, window, box)
         clock.lap("box")
         # 3. What is occupied, free and unseen round it (2-2).
-        maps, map_obstacles = self._maps(scene, octomap, box, map_resolutions_m)
+        maps, map_obstacles = self._maps(scene, octomap, box)
         clock.lap("mapping")
         # 4. Every candidate, and what each check says of it (2-4, 3-4).
         candidates = self._candidates(box, scene, points.target_mask)
@@ -318,12 +336,12 @@ class GraspSelector:
         scene: Scene,
         octomap: MapCells | None,
         box: Box,
-        map_resolutions_m: Sequence[float],
     ) -> tuple[dict[float, LocalMap], MapObstacles]:
         """Local maps by cell size, and the occupied cells of a map file that no point explains."""
         config = self.config.mapping
-        needed = (getattr(check, "map_resolutions_m", ()) for check in self.checks)
-        sizes = dict.fromkeys((config.resolution_m, *map_resolutions_m, *sum(needed, ())))
+        needed = [getattr(check, "map_resolutions_m", ()) for check in self.checks]
+        needed += [self.ranker.map_resolutions_m, self._map_resolutions_m]
+        sizes = dict.fromkeys((config.resolution_m, *sum(needed, ())))
         configs = {size: replace(config, resolution_m=size) for size in sizes}
         T_base_map = box.T_base_map(config.center_above_support_m)
         if octomap is None:
@@ -393,7 +411,13 @@ class GraspSelector:
 class Clock:
     """Wall time stage by stage; the stages add up to the total."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_stage: OnStage | None = None) -> None:
+        """Start.
+
+        Args:
+            on_stage: called with the name of each stage that is counted.
+        """
+        self._on_stage = on_stage
         self._start = self._last = time.perf_counter()
         self._laps: dict[str, float] = {}
 
@@ -402,6 +426,8 @@ class Clock:
         now = time.perf_counter()
         self._laps[stage] = (now - self._last) * 1e3
         self._last = now
+        if self._on_stage is not None:
+            self._on_stage(stage)
 
     def timings_ms(self) -> dict[str, float]:
         """Milliseconds by stage, and `total`."""

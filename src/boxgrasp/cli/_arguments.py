@@ -111,6 +111,13 @@ def add_target(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--object", type=int, metavar="N", help="number of `boxgrasp objects`, 1 is the nearest"
     )
+    group.add_argument(
+        "--box",
+        type=float,
+        nargs=4,
+        metavar=("U0", "V0", "U1", "V1"),
+        help="pixels round it, as an object detector gives them",
+    )
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -260,6 +267,8 @@ def target_of(args: argparse.Namespace) -> Target | None:
         return Target(pixel=tuple(args.pixel))
     if args.point:
         return Target(point=tuple(args.point))
+    if args.box:
+        return Target(box=tuple(args.box))
     return Target(object=args.object) if args.object is not None else None
 
 

@@ -1,8 +1,8 @@
-"""Which object is meant: by pixel, mask, point or number, else as the capture says."""
+"""Which object is meant: by pixel, mask, point, number or box, else as the capture says."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from boxgrasp.sensing.capture import Capture
 _PIXEL_REACH = 5  # px from a pixel without depth to one that has it
 _POINT_REACH_M = 0.03  # m from a point given to an object's
 _CLEARLY_M = 0.006  # m over the support plane, where its noise does not reach
+_BOX_OVERLAP = 0.4  # least intersection over union of a box given with the box round an object
+_BOX_LEAD = 0.1  # by which the best object must overlap it better than the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,8 @@ class Target:
         mask: (H, W) bool or uint8, True on it; (N,) for an unorganized cloud.
         point: (3,) on it, base frame, m.
         object: its number, as `boxgrasp objects` counts.
+        box: (u_min, v_min, u_max, v_max) pixels round what is seen of it, the last ones inside,
+            as an object detector gives them.
 
     Raises:
         TargetError: more than one is given.
@@ -38,9 +42,10 @@ class Target:
     mask: Any = None
     point: tuple[float, float, float] | None = None
     object: int | None = None
+    box: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        given = [name for name in ("pixel", "mask", "point", "object") if self._has(name)]
+        given = [item.name for item in fields(self) if self._has(item.name)]
         if len(given) > 1:
             raise TargetError(f"target given by {' and '.join(given)}; valid: one of them")
 
@@ -89,13 +94,16 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
         number = _object_at(scene, chosen.point)
     elif chosen.pixel is not None:
         number = _object_under(scene, chosen.pixel)
+    elif chosen.box is not None:
+        number = _object_in(scene, chosen.box)
     elif capture.mask is not None:
         return _under_mask(scene, capture.mask)
     elif capture.target_pixel is not None:
         number = _object_under(scene, capture.target_pixel)
     else:
         raise TargetError(
-            "no target given; valid: a pixel, mask, point or object number, or a capture with one"
+            "no target given; valid: a pixel, mask, point, object number or box, or a capture with "
+            "a pixel or mask"
         )
     target_mask = np.asarray(scene.object_numbers == number)
     return TargetPoints(readonly(target_mask), readonly(~target_mask & ~scene.floor_mask))
@@ -158,6 +166,58 @@ def _pixel_inside(pixel: tuple[int, int], shape: tuple[int, int]) -> tuple[int, 
     if not (0 <= u < width and 0 <= v < height):
         raise TargetError(f"pixel {u} {v} is outside; valid: 0..{width - 1} 0..{height - 1}")
     return u, v
+
+
+def _object_in(scene: Scene, box: tuple[float, float, float, float]) -> int:
+    """The object round which the smallest box of pixels overlaps the one given best."""
+    low, high = _validated_box(scene, box)
+    image = scene.object_image()
+    v, u = np.nonzero(image)
+    numbers = image[v, u]
+    overlaps = []
+    for item in scene.objects:
+        own = np.stack((u[numbers == item.number], v[numbers == item.number]), axis=1)
+        if len(own) == 0:
+            overlaps.append(0.0)
+            continue
+        own_low, own_high = own.min(axis=0), own.max(axis=0) + 1
+        shared = np.prod(np.maximum(np.minimum(high, own_high) - np.maximum(low, own_low), 0))
+        union = np.prod(high - low) + np.prod(own_high - own_low) - shared
+        overlaps.append(float(shared / union))
+    best, *others = (int(k) for k in np.argsort(overlaps)[::-1])
+    if overlaps[best] < _BOX_OVERLAP:
+        raise TargetError(
+            f"target box fits no object: the one nearest to it is {best + 1}, with an overlap of "
+            f"{overlaps[best]:.2f}; valid: at least {_BOX_OVERLAP}"
+        )
+    if others and overlaps[best] - overlaps[others[0]] < _BOX_LEAD:
+        raise TargetError(
+            f"target box fits objects {best + 1} and {others[0] + 1} alike; valid: a pixel or mask"
+        )
+    return best + 1
+
+
+def _validated_box(
+    scene: Scene, box: tuple[float, float, float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(u, v) of a box's first pixel and of the one past its last, inside the image."""
+    if scene.shape is None:
+        raise TargetError("an unorganized cloud has no pixels; valid: a point or object number")
+    try:
+        ends = np.array(box, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TargetError("target box is not numeric; valid: u_min v_min u_max v_max") from None
+    if ends.shape != (4,) or not np.isfinite(ends).all():
+        raise TargetError("target box is not four finite numbers; valid: u_min v_min u_max v_max")
+    low = np.maximum(ends[:2], 0)
+    high = np.minimum(ends[2:] + 1, scene.shape[::-1])
+    if (ends[2:] < ends[:2]).any() or (high <= low).any():
+        height, width = scene.shape
+        raise TargetError(
+            f"target box is {ends.tolist()}; valid: u_min v_min u_max v_max in {width} x {height} "
+            "pixels"
+        )
+    return low, high
 
 
 @dataclass(frozen=True)

@@ -161,9 +161,7 @@ def dense_part(task: tuple[RowConfig, range]) -> bytes:
         scenario = scenario_of_row(config, number)
         capture, object_ids = scenario.capture(config.recipe.noise)
         target = Target(mask=object_ids == scenario.scene.target_id)
-        analysis = selector("given", config.lines).analyze(
-            capture, target, map_resolutions_m=RESOLUTIONS_M
-        )
+        analysis = selector("given", config.lines, None, RESOLUTIONS_M).analyze(capture, target)
         for size in RESOLUTIONS_M:
             found[_name(size)].append(states_at(analysis.context.local_maps[size], grid(size)))
     out = io.BytesIO()

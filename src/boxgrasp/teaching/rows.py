@@ -170,9 +170,7 @@ def scenario_row(
         target = Target(mask=mask) if source == "given" else None
         try:
             scene = scene or chosen.scene(view.capture)
-            analysis = chosen.analyze(
-                view.capture, target, view.scans, scene=scene, map_resolutions_m=MAP_RESOLUTIONS_M
-            )
+            analysis = chosen.analyze(view.capture, target, view.scans, scene=scene)
         except BoxgraspError as error:
             row[f"{source}_error"] = str(error)
             continue
@@ -209,13 +207,19 @@ def shown(analysis: SceneAnalysis, selector: GraspSelector) -> Shown:
 
 
 @cache
-def selector(target_source: str, lines: int, stride: int | None = None) -> GraspSelector:
+def selector(
+    target_source: str,
+    lines: int,
+    stride: int | None = None,
+    map_resolutions_m: tuple[float, ...] = MAP_RESOLUTIONS_M,
+) -> GraspSelector:
     """The selector that answers rows.
 
     Args:
         target_source: `given` or `found`.
         lines: l, lines a face.
         stride: as `MappingConfig.stride`.
+        map_resolutions_m: cell sizes of the local maps, m.
 
     Returns:
         One a process for the same arguments.
@@ -225,7 +229,8 @@ def selector(target_source: str, lines: int, stride: int | None = None) -> Grasp
             "box": {"fit": FITS[target_source]},
             "candidates": {"lines": lines, "refine": "none"},  # the thesis's poses
             "mapping": {"stride": stride},
-        }
+        },
+        map_resolutions_m=map_resolutions_m,
     )
 
 
