@@ -1,7 +1,6 @@
 """Sphinx settings; `make docs` builds with warnings as errors."""
 
 import dataclasses
-import inspect
 import re
 import typing
 from pathlib import Path
@@ -11,7 +10,7 @@ from sphinx.util.inspect import TypeAliasForwardRef
 import boxgrasp
 from boxgrasp.config import Config
 from boxgrasp.perception.segmentation import SEGMENTATIONS
-from boxgrasp.strict import describe
+from boxgrasp.strict import attributes_of, describe
 
 project = "boxgrasp"
 author = "the boxgrasp authors"
@@ -41,18 +40,6 @@ NAMED = {
 
 # A union with an alias is spelled by the alias's repr, which names Sphinx's own class otherwise.
 TypeAliasForwardRef.__repr__ = lambda self: self.name
-
-
-def attributes_of(kind):
-    """What a class's docstring says of each attribute, and what it says before them."""
-    text = inspect.cleandoc(kind.__doc__ or "")
-    head, _, rest = text.partition("Attributes:\n")
-    entries = re.split(r"^    (\w+): ", rest.split("\n\n")[0], flags=re.M)[1:]
-    said = {
-        name: " ".join(words.split())
-        for name, words in zip(entries[::2], entries[1::2], strict=True)
-    }
-    return " ".join(head.split()), said
 
 
 def settings_of(kind, place=()):

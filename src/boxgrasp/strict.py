@@ -7,6 +7,7 @@ dataclass may say what its fields were called before, as `RENAMED: ClassVar = {o
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
 import math
 import re
@@ -14,7 +15,7 @@ import types
 import typing
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import msgspec
 
@@ -242,25 +243,44 @@ def _kind_name(kind: Any) -> str:
     return _NAMES.get(kind, str(kind))
 
 
+def attributes_of(kind: type[Any]) -> tuple[str, dict[str, str]]:
+    """What a dataclass's docstring says before its attributes, and of each; one line each."""
+    text = inspect.cleandoc(kind.__doc__ or "")
+    head, _, rest = text.partition("Attributes:\n")
+    entries = re.split(r"^    (\w+): ", rest.split("\n\n")[0], flags=re.M)[1:]
+    said = zip(entries[::2], entries[1::2], strict=True)
+    return _line(head), {name: _line(words) for name, words in said}
+
+
 def read_yaml(path: Source, error: type[BoxgraspError]) -> Any:
     """The plain data of a YAML file, read safely.
 
     Raises:
         error: the file cannot be read, is not YAML, or gives a key twice.
     """
+    try:
+        with open(path, "rb") as file:
+            return parse_yaml(file, fspath(path), error)
+    except OSError as fault:
+        raise error(f"{fspath(path)}: {fault.strerror or fault}") from None
+
+
+def parse_yaml(source: str | BinaryIO, origin: str, error: type[BoxgraspError]) -> Any:
+    """The plain data of YAML text, read safely; `origin` names the text's source in messages.
+
+    Raises:
+        error: it is not YAML, or gives a key twice.
+    """
     import yaml
 
     try:
-        with open(path, "rb") as file:
-            return yaml.load(file, Loader=_loader())
-    except OSError as fault:
-        raise error(f"{fspath(path)}: {fault.strerror or fault}") from None
+        return yaml.load(source, Loader=_loader())
     except yaml.MarkedYAMLError as fault:
         mark = fault.problem_mark or fault.context_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise error(f"{fspath(path)}: {where}{_line(fault.problem or fault)}") from None
+        raise error(f"{origin}: {where}{_line(fault.problem or fault)}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as fault:
-        raise error(f"{fspath(path)}: not YAML: {_line(fault)}") from None
+        raise error(f"{origin}: not YAML: {_line(fault)}") from None
 
 
 def _line(text: object) -> str:
