@@ -1,18 +1,22 @@
-# Every target sets itself up: only python3 (3.11 to 3.13), pip, make and git are needed.
+# Every target sets itself up: only python3 (3.11 to 3.13), pip, make and git are needed; for
+# test-ros g++ and cmake too.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+ROS_VENV := .venv-ros
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test check lint types imports unit docs format demo bench clean
+.PHONY: help setup test check lint types imports unit docs format demo bench clean \
+	setup-ros test-ros
 
 help:
-	@echo "make test    lint, format, types, imports, tests, docs build"
-	@echo "make demo    the main job on a cast scene; writes out/demo.png"
-	@echo "make bench   the benchmarks"
-	@echo "make format  rewrite the source in the one format"
-	@echo "make clean   remove the environment and all that was built"
+	@echo "make test      lint, format, types, imports, tests, docs build"
+	@echo "make test-ros  the ROS packages, with a real rclpy and no ROS installed"
+	@echo "make demo      the main job on a cast scene; writes out/demo.png"
+	@echo "make bench     the benchmarks"
+	@echo "make format    rewrite the source in the one format"
+	@echo "make clean     remove the environment and all that was built"
 
 # Debian splits ensurepip into python3-venv, so the environment is made without pip and filled by
 # the pip that is there.
@@ -52,6 +56,16 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# Apart from the other environment: these wheels put a ROS into whatever they are installed in.
+setup-ros:
+	@$(PYTHON) tools/check_python.py
+	@$(PYTHON) ros/test/setup_env.py
+
+# Without what a sourced ROS leaves in the shell, which would be imported first.
+test-ros: setup-ros
+	env -u PYTHONPATH -u LD_LIBRARY_PATH -u _ROS_WHEELS_BOOTSTRAP_COMPLETE \
+		$(ROS_VENV)/bin/python -m pytest ros/test --durations=10
+
 demo: $(STAMP)
 	@mkdir -p out
 	@$(BIN)/boxgrasp demo --picture out/demo.png
@@ -63,4 +77,4 @@ bench: $(STAMP)
 	@for file in benchmarks/[a-z]*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf $(VENV) build dist out docs/_build .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(ROS_VENV) build dist out docs/_build .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
