@@ -1,0 +1,237 @@
+"""The console script as a user starts it, and a client in this process, on a real capture."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from boxgrasp_msgs.action import SelectGrasp as SelectGraspAction
+from boxgrasp_msgs.msg import Target, View
+from boxgrasp_msgs.srv import SelectGrasp
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from scenes import BASE, camera_info, cloud, color_image, depth_image, transform
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+from waiting import call, wait_for, wait_until
+
+from boxgrasp import load_capture
+from boxgrasp.geometry.transforms import quaternion_xyzw
+
+SHARED = Path(os.environ.get("BOXGRASP_SHARED", Path(__file__).parents[3] / "shared"))
+NAME = "uois_05"
+STATIC = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+RELIABLE = QoSProfile(depth=5)
+T0 = 5 * 10**9
+TILTED = ((0, -0.6, 0.8, -0.5), (-1, 0, 0, 0.1), (0, -0.8, -0.6, 0.9), (0, 0, 0, 1))
+
+
+@pytest.fixture
+def start(ros_env: dict[str, str]) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the console script; it is ended after the test."""
+    started = []
+
+    def run(*arguments: str) -> subprocess.Popen[str]:
+        script = Path(sys.prefix, "lib", "boxgrasp_ros", "grasp_selector")
+        process = subprocess.Popen(
+            [str(script), "--ros-args", *arguments],
+            env=ros_env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def real_capture() -> Any:
+    place = SHARED / "captures" / NAME
+    if not place.exists():
+        pytest.skip(f"no real captures at {place.parent}")
+    return load_capture(place)
+
+
+def pixel_of(capture: Any) -> tuple[int, int]:
+    """A pixel on the largest thing of the capture."""
+    from boxgrasp import GraspSelector
+
+    largest = max(GraspSelector().objects(capture), key=lambda item: item.points)
+    assert largest.pixel is not None
+    return largest.pixel
+
+
+def command_line(place: Path, *options: str) -> dict[str, Any]:
+    """What `boxgrasp select --json` answers."""
+    done = subprocess.run(
+        [sys.executable, "-m", "boxgrasp", "select", str(place), "--json", *options],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
+
+
+def saved(capture: Any, path: Path) -> Path:
+    """The capture with the pose that the node gets by TF."""
+    held = {"depth": capture.depth, "intrinsics": capture.intrinsics, "rgb": capture.rgb}
+    np.savez(path, T_base_camera=np.array(TILTED, float), **held)
+    return path
+
+
+def assert_same_grasp(selection: Any, answer: dict[str, Any]) -> None:
+    assert selection.status == answer["status"] == "grasp"
+    found = json.loads(selection.json)
+    for name in ("T_base_gripper", "T_base_tcp", "T_base_pregrasp"):
+        np.testing.assert_allclose(found["grasp"][name], answer["grasp"][name], atol=1e-6)
+    assert found["passing"] == answer["passing"]
+    at, known = selection.pose, answer["grasp"]
+    np.testing.assert_allclose(
+        (at.position.x, at.position.y, at.position.z), known["position_m"], atol=1e-6
+    )
+    turn = (at.orientation.x, at.orientation.y, at.orientation.z, at.orientation.w)
+    np.testing.assert_allclose(turn, known["quaternion_xyzw"], atol=1e-6)
+
+
+def test_a_real_capture_in_two_processes(
+    start: Callable[..., subprocess.Popen[str]], make_node: Callable[..., Node], tmp_path: Path
+) -> None:
+    capture = real_capture()
+    u, v = pixel_of(capture)
+    offline = command_line(saved(capture, tmp_path / "view.npz"), "--pixel", str(u), str(v))
+    process = start(
+        "-r", "__node:=chooser", "-r", "cloud:=/camera/points", "-r", "depth:=/camera/depth",
+        "-r", "camera_info:=/camera/camera_info", "-r", "color:=/camera/color",
+        "-p", f"base_frame:={BASE}", "-p", "max_view_age_s:=60.0", "-p", "wait_for_view_s:=20.0",
+        "-p", "qos_overrides./camera/points.subscription.reliability:=reliable",
+        "-p", "qos_overrides./camera/depth.subscription.reliability:=reliable",
+        "-p", "qos_overrides./camera/color.subscription.reliability:=reliable",
+    )  # fmt: skip
+    client = make_node("client")
+    select = client.create_client(SelectGrasp, "/chooser/select")
+    assert select.wait_for_service(timeout_sec=90), process.poll()
+    transforms = client.create_publisher(TFMessage, "/tf_static", STATIC)
+    transforms.publish(transform(np.array(TILTED, float), 0))
+    target = Target(kind=Target.PIXEL, u=u, v=v)
+    publish_reliably(client, "/camera/points", cloud(capture, now_ns(client)))
+    by_cloud = call(select, SelectGrasp.Request(target=target), 60)
+    assert by_cloud.status.code == 0, by_cloud.status.message
+    of_cloud = command_line(saved_cloud(capture, tmp_path / "view.pcd"), "--pixel", str(u), str(v))
+    assert_same_grasp(by_cloud.selection, of_cloud)
+
+    publish_reliably(client, "/camera/camera_info", camera_info(capture, now_ns(client)))
+    stamp = now_ns(client)
+    publish_reliably(client, "/camera/color", color_image(capture, stamp))
+    image = depth_image(capture, stamp)
+    publish_reliably(client, "/camera/depth", image)
+    view = View(min_stamp=image.header.stamp)
+    action = ActionClient(client, SelectGraspAction, "/chooser/select")
+    assert action.wait_for_server(timeout_sec=20)
+    stages: list[str] = []
+    goal = SelectGraspAction.Goal(view=view, target=target)
+    handle = wait_for(
+        action.send_goal_async(goal, feedback_callback=lambda m: stages.append(m.feedback.stage))
+    )
+    found = wait_for(handle.get_result_async()).result
+    assert found.status.code == 0, found.status.message
+    assert_same_grasp(found.selection, offline)
+    wait_until(lambda: "answer" in stages)
+
+    markers: list[Any] = []
+    client.create_subscription(MarkerArray, "/chooser/markers", markers.append, STATIC)
+    wait_until(lambda: markers and len(markers[-1].markers) > 20)
+
+    view.min_stamp.sec += 3600  # a view that does not come
+    handle = wait_for(action.send_goal_async(SelectGraspAction.Goal(view=view, target=target)))
+    wait_for(handle.cancel_goal_async())
+    assert wait_for(handle.get_result_async(), 5).result.status.code == 9
+
+    change = client.create_client(SetParameters, "/chooser/set_parameters")
+    request = SetParameters.Request()
+    wanted = Parameter("candidates.faces", value=["top-parallel", "top-perpendicular"])
+    request.parameters = [wanted.to_parameter_msg()]
+    assert call(change, request).results[0].successful
+    above = call(select, SelectGrasp.Request(target=target)).selection
+    assert above.status == "ask" or above.face_name.startswith("top")
+
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=2.0) == 0
+    told = process.stdout.read() if process.stdout else ""
+    assert "Traceback" not in told, told
+
+
+def saved_cloud(capture: Any, path: Path) -> Path:
+    """The organized cloud as a PCD whose viewpoint is the pose that the node gets by TF."""
+    message, T = cloud(capture, T0), np.array(TILTED, float)
+    x, y, z, w = quaternion_xyzw(T[:3, :3]).tolist()
+    viewpoint = " ".join(repr(value) for value in (*T[:3, 3].tolist(), w, x, y, z))
+    header = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
+        f"WIDTH {message.width}\nHEIGHT {message.height}\nVIEWPOINT {viewpoint}\n"
+        f"POINTS {message.width * message.height}\nDATA binary\n"
+    )
+    path.write_bytes(header.encode() + bytes(message.data))
+    return path
+
+
+def now_ns(node: Node) -> int:
+    return int(node.get_clock().now().nanoseconds)
+
+
+def publish_reliably(node: Node, topic: str, message: Any) -> None:
+    kinds = {"points": PointCloud2, "depth": Image, "color": Image, "camera_info": CameraInfo}
+    publisher = node.create_publisher(kinds[topic.rsplit("/", 1)[1]], topic, RELIABLE)
+    wait_until(publisher.get_subscription_count, what=f"a match on {topic}")
+    publisher.publish(message)
+    publisher.wait_for_all_acked()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("checks.visible_clearance_m:=-3.0", "visible_clearance_m"),
+        ("checks.visible_clearence_m:=0.02", "did you mean visible_clearance_m"),
+        ("ranker:=nobody", "nobody"),
+        ("base_frame:=''", "base_frame"),
+        ("mapping.resolution_m:=often", "a number"),
+    ],
+)
+def test_a_wrong_parameter_ends_the_start_in_one_line(
+    start: Callable[..., subprocess.Popen[str]], given: str, said: str
+) -> None:
+    process = start("-p", given)
+    told, _ = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "Traceback" not in told and said in told
+    assert len([line for line in told.splitlines() if line.startswith("grasp_selector:")]) == 1
+
+
+def test_an_interrupt_while_it_waits_ends_it_at_once(
+    start: Callable[..., subprocess.Popen[str]], make_node: Callable[..., Node]
+) -> None:
+    process = start("-p", "wait_for_view_s:=50.0")
+    client = make_node("client")
+    select = client.create_client(SelectGrasp, "/grasp_selector/select")
+    assert select.wait_for_service(timeout_sec=90)
+    future = select.call_async(SelectGrasp.Request())
+    with pytest.raises(AssertionError):
+        wait_for(future, 1.0)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=2.0) == 0
