@@ -411,7 +411,7 @@ _SHAPES = {
 
 def _plain(value: Any) -> Any:
     """Nested lists, maps, numbers and strings; null for an infinite bound."""
-    kind = type(value)
+    kind: Any = type(value)
     if kind in _SCALARS:
         return value
     if isinstance(value, float):
