@@ -1,6 +1,6 @@
 """Draw a MarkerArray as RViz would show it, from the message alone.
 
-    python ros/test/marker_picture.py CAPTURE OUT.png [--object N] [--pixel U V] [--ranker NAME]
+python ros/test/marker_picture.py CAPTURE OUT.png [--object N] [--pixel U V] [--ranker NAME]
 """
 
 from __future__ import annotations
@@ -201,9 +201,10 @@ def _matrix(pose: Any) -> Floats:
 
 def main(arguments: Iterable[str] | None = None) -> None:
     """Answer a capture and draw its markers."""
-    from boxgrasp import GraspSelector, Target, load_capture
     from boxgrasp_ros.markers import marker_array
     from std_msgs.msg import Header
+
+    from boxgrasp import GraspSelector, Target, load_capture
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("capture")

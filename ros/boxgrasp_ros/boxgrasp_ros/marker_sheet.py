@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.draw.palette import RGB, WHITE
 from boxgrasp.draw.shapes import EDGES, corners
 from boxgrasp_ros.replies import point_message, pose_message
-from geometry_msgs.msg import Point, Vector3
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
 
 TEXT_M = 0.02  # height of letters
 

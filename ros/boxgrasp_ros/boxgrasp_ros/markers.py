@@ -6,6 +6,8 @@ import textwrap
 from typing import Final
 
 import numpy as np
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
 
 from boxgrasp.arrays import Floats
 from boxgrasp.draw.palette import (
@@ -29,8 +31,6 @@ from boxgrasp.result import Candidate, Selection, TargetBox
 from boxgrasp.selector import SceneAnalysis
 from boxgrasp_ros.marker_sheet import MarkerSheet, dashed
 from boxgrasp_ros.seen import NO_NUMBER, Thing, surfaces, target_number, things
-from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
 NAMESPACES: Final = (
     "table", "objects", "target_box", "lines", "samples", "candidates", "gripper", "clearance",
@@ -41,7 +41,7 @@ NAMESPACES: Final = (
 _THINGS: Final[tuple[RGB, ...]] = (
     (139, 158, 178), (178, 158, 139), (150, 170, 150), (168, 150, 172), (172, 172, 148),
 )  # fmt: skip
-_MOST_DOTS: Final = 3000  # of all obstacles: a message each
+_MOST_DOTS: Final = 2000  # of all obstacles: a message each
 _DOT_M: Final = 0.006
 _SIZES: Final = {FREE: 0.004, UNSEEN: 0.010, OCCUPIED: 0.014}  # m, of samples
 _COLORS: Final = {FREE: HELD, UNSEEN: RULE, OCCUPIED: OBSTACLE}
@@ -49,9 +49,9 @@ _ALPHAS: Final = {FREE: 0.5, UNSEEN: 0.35, OCCUPIED: 0.9}
 _ARROW_M: Final = 0.05  # a candidate's arrow
 _LONGER_M: Final = 0.085  # of the second top face, which crosses the first
 _LABEL_M: Final = 0.012  # from its tail to its label
-_WRAP: Final = 52  # letters a line
+_WRAP: Final = 56  # letters a line
 _HEADLINE_M: Final = 0.024  # height of its letters
-_OVER_M: Final = 0.07  # the headline, over all that is near
+_OVER_M: Final = 0.11  # the headline, over all that is near
 _NEAR_M: Final = 0.30
 _FAR_M: Final = 0.12  # from where the nearest obstacle is not worth a line
 

@@ -6,6 +6,8 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import Pose
+from std_msgs.msg import Header
 
 from boxgrasp.arrays import Floats
 from boxgrasp.geometry.transforms import make_transform, transform
@@ -14,8 +16,6 @@ from boxgrasp.result import Selection
 from boxgrasp.selector import SceneAnalysis
 from boxgrasp_ros.replies import pose_message
 from boxgrasp_ros.seen import NO_NUMBER, Surface, surfaces, target_number, things
-from geometry_msgs.msg import Pose
-from std_msgs.msg import Header
 
 try:
     from moveit_msgs.msg import CollisionObject
@@ -29,6 +29,8 @@ TABLE = "boxgrasp_table"
 TARGET = "boxgrasp_target"
 OBJECT = "boxgrasp_object_"
 
+# An obstacle's sparse parts are in the way too; a point or two a side may be stray.
+_FIT = BoxConfig(slab_share=0.0)
 _TABLE_M = 0.02  # thickness, all of it below the plane
 
 
@@ -61,10 +63,10 @@ def collision_objects(
     for thing in things(analysis):
         if thing.number in (NO_NUMBER, target):
             continue
-        box = fit_box(thing.points, analysis.scene.plane, 0.0, BoxConfig())
+        box = fit_box(thing.points, analysis.scene.plane, 0.0, _FIT)
         found.append(_box(f"{OBJECT}{thing.number}", box.T_base_box, box.dimensions_m, header))
-    box = selection.box
-    found.append(_box(TARGET, box.T_base_box, box.dimensions_m, header))
+    own = selection.box
+    found.append(_box(TARGET, own.T_base_box, own.dimensions_m, header))
     present = {item.id for item in found}
     return found + [_removed(name, header) for name in previous if name not in present]
 

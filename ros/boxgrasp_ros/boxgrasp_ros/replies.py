@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from boxgrasp_msgs import msg
+from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion, Vector3
+from std_msgs.msg import Header
+
 from boxgrasp.arrays import Floats
 from boxgrasp.geometry.transforms import quaternion_xyzw
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.result import Candidate, CheckValue, Grasp, Selection
-from boxgrasp_msgs import msg
-from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion, Vector3
-from std_msgs.msg import Header
 
 NO_OBJECT = -1  # of CheckResult.object
 
