@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
@@ -398,6 +399,7 @@ _JSON_NAMES: dict[type[Any], tuple[str, ...]] = {
         "T_base_flange",
     ),
 }
+_SCALARS = frozenset((str, int, bool, type(None)))
 _SHAPES = {
     "position_m": (3,),
     "quaternion_xyzw": (4,),
@@ -409,19 +411,27 @@ _SHAPES = {
 
 def _plain(value: Any) -> Any:
     """Nested lists, maps, numbers and strings; null for an infinite bound."""
+    kind: Any = type(value)
+    if kind in _SCALARS:
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, np.ndarray):
         return [_plain(item) for item in value.tolist()]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    if type(value) in _JSON_NAMES:
-        return {name: _told(value, name) for name in _JSON_NAMES[type(value)]}
+    if kind in _JSON_NAMES:
+        return {name: _told(value, name) for name in _JSON_NAMES[kind]}
     if is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
+        return {name: _plain(getattr(value, name)) for name in _field_names(kind)}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     if isinstance(value, Mapping):
         return {name: _plain(item) for name, item in value.items()}
     return value
+
+
+@cache
+def _field_names(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(item.name for item in fields(kind))
 
 
 def _told(value: Any, name: str) -> Any:
