@@ -34,6 +34,11 @@ FOREIGN = (
 )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep quiet about a library of the wheels that Python has outgrown."""
+    config.addinivalue_line("filterwarnings", "ignore:module 'sre_:DeprecationWarning:lark")
+
+
 def pytest_sessionstart() -> None:
     """Stop where there is no ROS, and never test what an earlier source built."""
     if NO_ROS is not None:
@@ -86,6 +91,14 @@ def _free_domain() -> tuple[int, int]:
 @pytest.fixture
 def domain_id() -> Iterator[int]:
     """A ROS domain for this test alone."""
+    domain, held = _free_domain()
+    yield domain
+    os.close(held)
+
+
+@pytest.fixture
+def other_domain_id() -> Iterator[int]:
+    """Another one, which the test's context does not hear."""
     domain, held = _free_domain()
     yield domain
     os.close(held)

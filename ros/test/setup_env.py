@@ -60,7 +60,7 @@ def missing() -> str | None:
 def environment_key() -> str:
     """What the environment without the packages depends on."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    wanted = [project[name] for name in ("dependencies", "optional-dependencies", "scripts")]
+    wanted = [project["dependencies"], project["optional-dependencies"]["io"], project["scripts"]]
     parts = [sys.version, sys.base_prefix, str(ENV), REQUIREMENTS.read_text("utf-8")]
     return _digest([*parts, json.dumps(wanted), *_TOOLS])
 

@@ -181,11 +181,11 @@ input()
 
 
 def test_another_process_is_met_in_the_same_domain_and_in_no_other(
-    make_node: MakeNode, domain_id: int, ros_env: dict[str, str]
+    make_node: MakeNode, other_domain_id: int, ros_env: dict[str, str]
 ) -> None:
     got: list[String] = []
     make_node("listener").create_subscription(String, "word", got.append, LATCHED)
-    other = {**ros_env, "ROS_DOMAIN_ID": str(domain_id % 101 + 1)}
+    other = {**ros_env, "ROS_DOMAIN_ID": str(other_domain_id)}
     for env, met in ((other, False), (ros_env, True)):
         with subprocess.Popen(
             [sys.executable, "-c", TALKER], env=env, text=True, stdin=-1, stdout=-1
