@@ -15,8 +15,12 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
 
 import rclpy  # noqa: E402
+import setup_env  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+
+if Path(sys.prefix).resolve() == setup_env.ENV:
+    setup_env.refresh_packages()  # what is measured is what the sources say
 
 
 @contextmanager
