@@ -12,7 +12,7 @@ from PIL import Image
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 KINDS = ("ros1", "ros2_folder", "db3", "mcap")
 
@@ -24,6 +24,10 @@ class BagMaker:
         self.ros1 = kind == "ros1"
         self.kind = kind
         self.store = get_typestore(Stores.ROS1_NOETIC if self.ros1 else Stores.ROS2_HUMBLE)
+        for kind in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
+            if kind not in self.store.types:
+                text = "geometry_msgs/TransformStamped[] transforms"
+                self.store.register(get_types_from_msg(text, kind))
         self.messages: list[tuple[str, str, float, Any]] = []
 
     def make(self, kind: str, /, **fields: Any) -> Any:
@@ -70,7 +74,10 @@ class BagMaker:
             data=np.frombuffer(b"".join(rows), np.uint8),
         )
 
-    def compressed_depth(self, topic: str, stamp: float, millimeters: np.ndarray) -> BagMaker:
+    def compressed_depth(
+        self, topic: str, stamp: float, millimeters: np.ndarray, packed: bytes = b""
+    ) -> BagMaker:
+        """As PNG, or as the RVL that is given."""
         png = io.BytesIO()
         Image.fromarray(millimeters).save(png, "PNG")
         return self.add(
@@ -78,9 +85,42 @@ class BagMaker:
             "CompressedImage",
             stamp,
             "camera_optical_frame",
-            format="16UC1; compressedDepth png",
-            data=np.frombuffer(bytes(12) + png.getvalue(), np.uint8),
+            format=f"16UC1; compressedDepth {'rvl' if packed else 'png'}",
+            data=np.frombuffer(bytes(12) + (packed or png.getvalue()), np.uint8),
         )
+
+    def tf(
+        self,
+        recorded: float,
+        *transforms: tuple[str, str, float, Any, Any],
+        static: bool = False,
+        kind: str = "tf2_msgs/msg/TFMessage",
+    ) -> BagMaker:
+        """transforms are parent, child, stamp, translation, quaternion xyzw."""
+        made = []
+        for parent, child, stamp, xyz, quaternion in transforms:
+            vector = self.make(
+                "geometry_msgs/msg/Vector3",
+                **{axis: float(value) for axis, value in zip("xyz", xyz, strict=True)},
+            )
+            turn = self.make(
+                "geometry_msgs/msg/Quaternion",
+                **{axis: float(value) for axis, value in zip("xyzw", quaternion, strict=True)},
+            )
+            made.append(
+                self.make(
+                    "geometry_msgs/msg/TransformStamped",
+                    header=self.header(stamp, parent),
+                    child_frame_id=child,
+                    transform=self.make(
+                        "geometry_msgs/msg/Transform", translation=vector, rotation=turn
+                    ),
+                )
+            )
+        message = self.make(kind, transforms=made)
+        topic = "/tf_static" if static else "/tf"
+        self.messages.append((topic, kind, recorded, message))
+        return self
 
     def info(
         self,
@@ -169,7 +209,7 @@ class BagMaker:
             writer = Writer2(path, version=8, storage_plugin=plugin)
         with writer:
             known: dict[str, Any] = {}
-            for topic, name, stamp, message in self.messages:
+            for topic, name, stamp, message in sorted(self.messages, key=lambda m: m[2]):
                 if topic not in known:
                     known[topic] = writer.add_connection(topic, name, typestore=self.store)
                 encode = self.store.serialize_ros1 if self.ros1 else self.store.serialize_cdr

@@ -501,9 +501,9 @@ def test_missing_fields_are_named():
 
 
 def test_compressed_depth_of_other_formats_is_refused():
-    for told in ("32FC1; compressedDepth png", "32FC1; compressedDepth rvl", "", "jpeg", "x\n"):
+    for told in ("8UC1; compressedDepth png", "64FC1; compressedDepth rvl", "", "jpeg", "x\n"):
         message = compressed_message(told, b"")
-        assert "valid: 16UC1 as PNG or RVL" in refused(read_compressed_depth, message)
+        assert "valid: 16UC1, 32FC1 as PNG or RVL" in refused(read_compressed_depth, message)
 
 
 @pytest.mark.parametrize("coding", CODINGS)

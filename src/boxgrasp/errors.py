@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+TransformCode = Literal["unknown_frame", "not_connected", "too_old", "too_new", "malformed"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,24 @@ class TargetError(BoxgraspError):
 
 class MapError(BoxgraspError):
     """An occupancy map cannot be read or does not fit the request."""
+
+
+class TransformError(BoxgraspError):
+    """A transform between two frames is not known at a time, or a message of transforms is wrong.
+
+    Attributes:
+        code: 'unknown_frame'; 'not_connected'; 'too_old', the time is before what is kept;
+            'too_new', it is after the newest, so that waiting may help; or 'malformed'.
+    """
+
+    code: TransformCode
+
+    def __init__(self, code: TransformCode, message: str) -> None:
+        super().__init__(code, message)
+        self.code = code
+
+    def __str__(self) -> str:
+        return str(self.args[1])
 
 
 class GripperError(BoxgraspError):

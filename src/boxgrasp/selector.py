@@ -20,6 +20,7 @@ from boxgrasp.grasps.candidates import FACES, Candidates, candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
 from boxgrasp.grasps.checks.check import validate_check, validate_result
 from boxgrasp.grasps.refinement import moved_to_surface
+from boxgrasp.kernels import rvl
 from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 from boxgrasp.mapping.ray_insertion import build_local_map
@@ -301,7 +302,11 @@ class GraspSelector:
         return find_scene(capture, scans, self.config.scene)
 
     def warm_up(self) -> None:
-        """Compile or load every kernel, so that the first select is as quick as the next."""
+        """Compile or load every kernel, so that the first select is as quick as the next.
+
+        Also that of depth images sent as RVL, which reading the first would wait for.
+        """
+        rvl.unpack(np.zeros(1, np.uint32), np.zeros(1, np.uint16))
         self.select(_two_blocks(), Target(pixel=(80, 60)))
 
     def _placed_box(

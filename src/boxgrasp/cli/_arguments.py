@@ -92,6 +92,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--stamp", type=float, metavar="S", help="take a bag's message nearest to this time, s"
     )
     group.add_argument(
+        "--base-frame", metavar="FRAME", help="base frame in a bag's /tf; gives the camera's pose"
+    )
+    group.add_argument(
         "--robot-mask", metavar="FILE", help="image, nonzero where the robot's own arm is seen"
     )
 
@@ -221,7 +224,11 @@ def load_capture(path: str, args: argparse.Namespace) -> Capture:
 
     start = time.perf_counter()
     capture = io.load_capture(
-        path, cloud_frame=args.cloud_frame, topic=args.topic, stamp=args.stamp
+        path,
+        cloud_frame=args.cloud_frame,
+        topic=args.topic,
+        stamp=args.stamp,
+        base_frame=args.base_frame,
     )
     _log.info("%s: read in %.1f ms", path, 1e3 * (time.perf_counter() - start))
     return _without_robot(capture, read_mask(args.robot_mask)) if args.robot_mask else capture

@@ -104,6 +104,25 @@ def validate_transform(T: ArrayLike, name: str) -> Floats:
     return matrix
 
 
+def rotation_of(quaternion_xyzw: ArrayLike) -> Floats:
+    """The rotation of a quaternion.
+
+    Args:
+        quaternion_xyzw: (4,) unit quaternion x, y, z, w.
+
+    Returns:
+        (3, 3) float64.
+    """
+    x, y, z, w = np.asarray(quaternion_xyzw, np.float64).tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def quaternion_xyzw(rotation: Floats) -> Floats:
     """The quaternion of a rotation (Shepperd 1978).
 

@@ -40,6 +40,23 @@ def read_depth_png(source: Path | IO[bytes], size: tuple[int, int] | None) -> ND
         return np.asarray(image).astype(np.uint16)
 
 
+def png_size(source: IO[bytes]) -> tuple[int, int]:
+    """The size of a PNG, none of whose pixels is unpacked.
+
+    Args:
+        source: an open file.
+
+    Returns:
+        (width, height), pixels.
+
+    Raises:
+        CaptureError: another format, or too large.
+    """
+    with _open(source, ("PNG",), None, "depth.png") as image:
+        width, height = image.size
+    return int(width), int(height)
+
+
 def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
     """A color image.
 

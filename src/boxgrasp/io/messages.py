@@ -6,31 +6,31 @@ A message is any object with the fields of its sensor_msgs type: rosbags', rclpy
 
 from __future__ import annotations
 
-import io
-import operator
-import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
-from boxgrasp.errors import CaptureError, CodedWarning
+from boxgrasp.arrays import Bools, Floats, Points, readonly
+from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning
+from boxgrasp.geometry.transforms import transform, validate_transform
 from boxgrasp.io.colors import unpack_rgb
+from boxgrasp.io.compressed_depth import compressed_size, unpack_depth
 from boxgrasp.io.extent import MAX_PIXELS, validate_cloud_size
-from boxgrasp.io.images import read_depth_png
-from boxgrasp.kernels import rvl
+from boxgrasp.io.fields import bytes_of, count_of, field_of, flag_of, frame_id_of, text_of
+from boxgrasp.io.fields import stamp_ns as stamp_ns  # the time of any message; public here
 from boxgrasp.sensing.capture import Capture
-from boxgrasp.sensing.validation import Bytes, CloudFrame
+from boxgrasp.sensing.validation import Bytes, CloudFrame, validate_pose
 
 T = TypeVar("T")
 
 _DEPTH_ENCODINGS: Final = {"16UC1": ("u2", 0.001), "mono16": ("u2", 0.001), "32FC1": ("f4", 1.0)}
 _COLOR_ENCODINGS: Final = {"rgb8": (3, 1), "bgr8": (3, -1), "rgba8": (4, 1), "bgra8": (4, -1)}
+_MASK_ENCODINGS: Final = {"mono8": 1, "8UC1": 1}
 _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-_COMPRESSED_HEADER: Final = 12  # of compressed_depth_image_transport, before the image
-_RVL_HEADER: Final = 8  # bytes: width and height, before the stream
+_COMPRESSED_TOPIC: Final = "/compressedDepth"  # how a topic of compressed depth ends
+_COLOR_NEAR_NS: Final = 100_000_000  # between depth and the color image beside it
 
 
 def read_depth(image: Any) -> Points:
@@ -56,46 +56,31 @@ def read_compressed_depth(image: Any) -> Points:
     """The depth of a sensor_msgs/CompressedImage of compressed_depth_image_transport.
 
     Args:
-        image: 16UC1 in mm, as PNG or RVL.
+        image: 16UC1 in mm, or 32FC1 as inverse depth; as PNG or RVL.
 
     Returns:
-        (H, W) float32, m, read-only.
+        (H, W) float32, m, read-only; NaN where 32FC1 has none.
 
     Raises:
         CaptureError: another format, a field missing, or damaged data.
     """
-    told = str(_field(image, "format"))
-    if not told.startswith("16UC1"):  # of 32FC1 the inverse depth is sent, quantized
-        raise CaptureError(f"compressed depth is {told!r:.60}; valid: 16UC1 as PNG or RVL")
-    unpack = _unpack_rvl if "rvl" in told.lower() else _unpack_png
-    millimeters = unpack(_data(image)[_COMPRESSED_HEADER:])
-    return readonly((millimeters * 0.001).astype(np.float32))
+    return unpack_depth(text_of(image, "format"), bytes_of(image))
 
 
-def _unpack_png(data: Bytes) -> NDArray[np.uint16]:
-    try:
-        return read_depth_png(io.BytesIO(data.tobytes()), None)
-    except (CaptureError, MemoryError):
-        raise
-    except Exception as error:  # a damaged PNG makes Pillow raise nearly anything
-        raise CaptureError(f"compressed depth is damaged: {type(error).__name__}") from None
+def read_mask(image: Any) -> Bools:
+    """The mask in a sensor_msgs/Image.
 
+    Args:
+        image: mono8 or 8UC1.
 
-def _unpack_rvl(data: Bytes) -> NDArray[np.uint16]:
-    if len(data) < _RVL_HEADER:
-        raise CaptureError("compressed depth is truncated: its RVL has no size")
-    width, height = struct.unpack_from("<II", data.data)
-    if not 0 < width * height <= MAX_PIXELS:
-        raise CaptureError(
-            f"compressed depth claims {width} x {height} pixels; valid: 1 to {MAX_PIXELS}"
-        )
-    words = data[_RVL_HEADER : len(data) - len(data) % 4].tobytes()  # aligned
-    pixels = np.empty(width * height, np.uint16)
-    filled = rvl.unpack(np.frombuffer(words, "<u4").astype(np.uint32), pixels)
-    if filled < 0:
-        what = "truncated" if filled == rvl.TRUNCATED else "damaged"
-        raise CaptureError(f"compressed depth is {what}: no RVL of {width} x {height} pixels")
-    return pixels.reshape(height, width)
+    Returns:
+        (H, W) bool, True where it is not 0, read-only.
+
+    Raises:
+        CaptureError: another encoding, a field missing, or sizes that do not fit its data.
+    """
+    channels = _coded(image, _MASK_ENCODINGS)
+    return readonly(_pixels(image, "u1", channels)[..., 0] != 0)
 
 
 def is_color(image: Any) -> bool:
@@ -110,7 +95,7 @@ def is_color(image: Any) -> bool:
     Raises:
         CaptureError: the field is missing.
     """
-    return str(_field(image, "encoding")) in _COLOR_ENCODINGS
+    return text_of(image, "encoding") in _COLOR_ENCODINGS
 
 
 def read_color(image: Any) -> Bytes:
@@ -131,7 +116,7 @@ def read_color(image: Any) -> Bytes:
 
 def _coded(image: Any, encodings: Mapping[str, T]) -> T:
     """What is known of the encoding of a sensor_msgs/Image."""
-    encoding = str(_field(image, "encoding"))
+    encoding = text_of(image, "encoding")
     if encoding not in encodings:
         raise CaptureError(f"image is {encoding!r:.40}; valid: {', '.join(encodings)}")
     return encodings[encoding]
@@ -139,8 +124,8 @@ def _coded(image: Any, encodings: Mapping[str, T]) -> T:
 
 def _pixels(image: Any, kind: str, channels: int) -> NDArray[Any]:
     """(H, W, channels) of a sensor_msgs/Image, its rows cut to the width, in its own memory."""
-    width, height, step = (_count(image, name) for name in ("width", "height", "step"))
-    data = _data(image)
+    width, height, step = (count_of(image, name) for name in ("width", "height", "step"))
+    data = bytes_of(image)
     dtype = np.dtype(_byte_order(image) + kind)
     row = dtype.itemsize * channels * width
     if not 0 < width * height <= MAX_PIXELS or step < row or len(data) < step * height:
@@ -167,27 +152,29 @@ def read_intrinsics(info: Any, name: str, image_topic: str, size: tuple[int, int
     Raises:
         CaptureError: for another size, lens distortion, or a field missing or of another length.
     """
-    width, height = _count(info, "width"), _count(info, "height")
+    return _intrinsics(info, f"CameraInfo on {name}", image_topic, size)
+
+
+def _intrinsics(info: Any, name: str, image_topic: str, size: tuple[int, int]) -> Floats:
+    width, height = count_of(info, "width"), count_of(info, "height")
     if (width, height) != size:
         raise CaptureError(
-            f"CameraInfo on {name} is for {width} x {height} pixels; "
+            f"{name} is for {width!s:.20} x {height!s:.20} pixels; "
             f"valid: {size[0]} x {size[1]}, as the image"
         )
     if image_topic.rpartition("/")[2].startswith("image_rect"):
         return readonly(_matrix(info, "p", (3, 4))[:, :3])
     if not (_numbers(info, "d") == 0).all():
-        raise CaptureError(
-            f"CameraInfo on {name} has lens distortion; valid: a rectified image (image_rect)"
-        )
+        raise CaptureError(f"{name} has lens distortion; valid: a rectified image (image_rect)")
     return readonly(_matrix(info, "k", (3, 3)))
 
 
 def _numbers(info: Any, name: str) -> Floats:
     """A float array of a CameraInfo, whose names ROS 1 has in capitals."""
-    values = _field(info, name.upper() if hasattr(info, name.upper()) else name)
+    values = field_of(info, name.upper() if hasattr(info, name.upper()) else name)
     try:
         return np.array(values, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CaptureError(f"CameraInfo has a {name} that is no list of numbers") from None
 
 
@@ -200,29 +187,126 @@ def _matrix(info: Any, name: str, shape: tuple[int, int]) -> Floats:
     return values.reshape(shape)
 
 
+def depth_capture(
+    depth: Any,
+    info: Any,
+    *,
+    topic: str = "",
+    color: Any = None,
+    T_base_camera: ArrayLike | None = None,
+    robot_mask: Bools | None = None,
+) -> Capture:
+    """The capture of a depth image, its camera, and the color image registered to it.
+
+    Args:
+        depth: a sensor_msgs/Image, or a CompressedImage of compressed_depth_image_transport.
+        info: its sensor_msgs/CameraInfo.
+        topic: of the depth; on one named `image_rect...` the info's P counts, whatever D says.
+        color: a sensor_msgs/Image of the same size and frame, or None.
+        T_base_camera: (4, 4) m, or None where it is unknown.
+        robot_mask: (H, W) bool, True on the robot's own arm, or None.
+
+    Returns:
+        The capture.
+
+    Raises:
+        CaptureError: a field missing, sizes or frames that do not fit, or no usable view.
+    """
+    meters = read_compressed_depth(depth) if _is_compressed(depth) else read_depth(depth)
+    name = f"CameraInfo of {topic!r:.100}" if topic else "CameraInfo"
+    size = (meters.shape[1], meters.shape[0])
+    intrinsics = _intrinsics(info, name, topic.removesuffix(_COMPRESSED_TOPIC), size)
+    rgb = None
+    if color is not None:
+        frame, other = frame_id_of(depth), frame_id_of(color)
+        if frame != other:
+            raise CaptureError(
+                f"color is in frame {other!r:.60}; valid: {frame!r:.60}, registered to the depth"
+            )
+        rgb = read_color(color)
+    return Capture(meters, intrinsics, validate_pose(T_base_camera), rgb, robot_mask=robot_mask)
+
+
+def nearest_color(images: Iterable[Any], depth: Any) -> Any | None:
+    """The color image that belongs to a depth image.
+
+    Args:
+        images: sensor_msgs/Image of any kind; those that are damaged are passed over.
+        depth: a sensor_msgs/Image, or a CompressedImage of compressed_depth_image_transport.
+
+    Returns:
+        The color image of the same frame and size that is nearest in time, less than 0.1 s away;
+        the first of two as near; None where there is none.
+
+    Raises:
+        CaptureError: the depth image has no time, no frame or no size.
+    """
+    place = frame_id_of(depth), _size(depth)
+    stamp, best, apart = stamp_ns(depth), None, _COLOR_NEAR_NS
+    for image in images:
+        try:
+            off = abs(stamp_ns(image) - stamp)
+            if off < apart and (frame_id_of(image), _size(image)) == place and is_color(image):
+                read_color(image)
+                best, apart = image, off
+        except CaptureError:
+            continue
+    return best
+
+
+def _is_compressed(depth: Any) -> bool:
+    return hasattr(depth, "format")
+
+
+def _size(image: Any) -> tuple[int, int]:
+    """(width, height) of an Image, or of a CompressedImage of depth."""
+    if _is_compressed(image):
+        return compressed_size(text_of(image, "format"), bytes_of(image))
+    return count_of(image, "width"), count_of(image, "height")
+
+
 def cloud_capture(
-    message: Any, cloud_frame: CloudFrame, T_base_camera: ArrayLike | None = None
+    message: Any,
+    cloud_frame: CloudFrame,
+    T_base_camera: ArrayLike | None = None,
+    robot_mask: Bools | None = None,
+    T_camera_cloud: ArrayLike | None = None,
 ) -> Capture:
     """The capture of a sensor_msgs/PointCloud2.
 
     Args:
         message: with float x, y, z, and colors in rgb or rgba or none.
         cloud_frame: 'optical' or 'base', of its points.
-        T_base_camera: (4, 4), or None where it is unknown.
+        T_base_camera: (4, 4) m, or None where it is unknown.
+        robot_mask: (H, W) bool, or (N,) for a height of 1, True on the robot's own arm, or None.
+        T_camera_cloud: (4, 4) m, by which points of another frame come into the camera's optical
+            frame; None where they are in `cloud_frame`.
 
     Returns:
         The capture, organized where the cloud's height is above 1; warned of where points taken
         as optical are in a frame not named so.
 
     Raises:
-        CaptureError: a field missing, sizes that do not fit its data, or no usable view.
+        CaptureError: a field missing, sizes that do not fit its data, `T_camera_cloud` is no rigid
+            transform or given for a base cloud, or no usable view.
     """
-    frame_id = str(_field(_field(message, "header"), "frame_id"))
+    frame_id = frame_id_of(message)
     points, colors = read_cloud(message)
+    if T_camera_cloud is not None:
+        if cloud_frame != "optical":
+            raise CaptureError(
+                f"T_camera_cloud is given for cloud frame {cloud_frame!r:.40}; valid: 'optical'"
+            )
+        points = _moved(points, T_camera_cloud)
     capture = Capture.from_cloud(
-        points, cloud_frame=cloud_frame, colors=colors, T_base_camera=T_base_camera
+        points,
+        cloud_frame=cloud_frame,
+        colors=colors,
+        T_base_camera=T_base_camera,
+        robot_mask=robot_mask,
     )
-    if cloud_frame == "optical" and frame_id and "optical" not in frame_id:
+    taken = cloud_frame == "optical" and T_camera_cloud is None
+    if taken and frame_id and "optical" not in frame_id:
         return capture.with_warnings(
             CodedWarning(
                 "frame_taken_as_optical",
@@ -230,6 +314,19 @@ def cloud_capture(
             )
         )
     return capture
+
+
+@np.errstate(invalid="ignore", over="ignore")
+def _moved(points: NDArray[np.floating[Any]], T_camera_cloud: ArrayLike) -> Floats:
+    """(..., 3) points in the camera's frame; what is missing, 0, 0, 0 too, becomes NaN."""
+    try:
+        T = validate_transform(T_camera_cloud, "T_camera_cloud")
+    except BoxgraspError as error:
+        raise CaptureError(str(error)) from None
+    held = points.astype(np.float64)  # frames may lie far apart
+    missing = ~np.isfinite(held).all(axis=-1) | (held == 0).all(axis=-1)
+    held[missing] = np.nan
+    return transform(T, held)
 
 
 def read_cloud(message: Any) -> tuple[NDArray[np.floating[Any]], Bytes | None]:
@@ -245,9 +342,9 @@ def read_cloud(message: Any) -> tuple[NDArray[np.floating[Any]], Bytes | None]:
     Raises:
         CaptureError: a field missing, or sizes that do not fit its data.
     """
-    width, height = _count(message, "width"), _count(message, "height")
-    point, row = _count(message, "point_step"), _count(message, "row_step")
-    data = _data(message)
+    width, height = count_of(message, "width"), count_of(message, "height")
+    point, row = count_of(message, "point_step"), count_of(message, "row_step")
+    data = bytes_of(message)
     validate_cloud_size(width * height, row * height, len(data))
     if row < width * point:
         raise CaptureError(f"cloud has rows of {row} bytes for {width} points of {point}")
@@ -274,13 +371,13 @@ def _layout(message: Any, point: int) -> dict[str, tuple[np.dtype[Any], int]]:
     """Type and offset of the fields used, each within a point's bytes."""
     order, layout = _byte_order(message), {}
     try:
-        fields = list(_field(message, "fields"))
+        fields = list(field_of(message, "fields"))
     except TypeError:
         raise CaptureError("cloud has fields that are no list; valid: PointFields") from None
     for field in fields:
-        name, datatype = str(_field(field, "name")), _count(field, "datatype")
+        name, datatype = text_of(field, "name"), count_of(field, "datatype")
         if datatype in _POINT_TYPES:
-            layout[name] = np.dtype(order + _POINT_TYPES[datatype]), _count(field, "offset")
+            layout[name] = np.dtype(order + _POINT_TYPES[datatype]), count_of(field, "offset")
     if any(axis not in layout or layout[axis][0].kind != "f" for axis in "xyz"):
         raise CaptureError(f"cloud has fields {', '.join(layout)!r:.80}; valid: float x, y, z")
     for name in ("x", "y", "z", "rgb", "rgba"):
@@ -291,36 +388,5 @@ def _layout(message: Any, point: int) -> dict[str, tuple[np.dtype[Any], int]]:
     return layout
 
 
-def _field(message: Any, name: str) -> Any:
-    try:
-        return getattr(message, name)
-    except AttributeError:
-        raise CaptureError(
-            f"message has no field {name!r}; valid: those of its sensor_msgs type"
-        ) from None
-
-
-def _count(message: Any, name: str) -> int:
-    value = _field(message, name)
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise CaptureError(f"message has {name} {value!r:.40}; valid: a whole number") from None
-    if number < 0:
-        raise CaptureError(f"message has {name} {number}; valid: 0 or more")
-    return number
-
-
 def _byte_order(message: Any) -> str:
-    return ">" if _field(message, "is_bigendian") else "<"
-
-
-def _data(message: Any) -> Bytes:
-    """(n,) uint8 of a message's data, in its own memory."""
-    data = _field(message, "data")
-    try:
-        return np.frombuffer(data, np.uint8)
-    except (TypeError, ValueError, BufferError):
-        raise CaptureError(
-            f"message has data of type {type(data).__name__}; valid: a contiguous buffer of bytes"
-        ) from None
+    return ">" if flag_of(message, "is_bigendian") else "<"

@@ -6,6 +6,7 @@ no error, and ends the process on a tree that is too deep. Writing goes through 
 
 from __future__ import annotations
 
+import array
 import importlib
 import math
 import os
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.errors import MapError, MissingExtraError
+from boxgrasp.errors import CaptureError, MapError, MissingExtraError
 from boxgrasp.geometry.transforms import invert
+from boxgrasp.io.fields import bytes_of, field_of, flag_of, text_of
 from boxgrasp.kernels import octree
 from boxgrasp.kernels.rays import TREE_HALF
 from boxgrasp.mapping.local_map import CLAMP_MAX, CLAMP_MIN, LocalMap, log_odds
@@ -139,6 +141,32 @@ def parse_octomap_body(
         MapError: truncated, or not a sound tree.
     """
     return _leaves(body, binary, kind, resolution_m, name)[0]
+
+
+def octomap_cells(message: Any) -> MapCells:
+    """The leaves of an octomap_msgs/Octomap.
+
+    Args:
+        message: any object with its fields; `data` is a buffer, or a list or tuple of int8.
+
+    Returns:
+        The leaves, in the message's frame.
+
+    Raises:
+        MapError: a field missing or of another type, truncated, or not a sound tree.
+    """
+    try:
+        kind, binary = text_of(message, "id"), flag_of(message, "binary")
+        resolution_m, data = field_of(message, "resolution"), field_of(message, "data")
+        if isinstance(data, (list, tuple)):
+            body = array.array("b", data).tobytes()
+        else:
+            body = bytes_of(message).tobytes()
+    except (CaptureError, TypeError, OverflowError) as error:
+        raise MapError(f"octomap {str(error):.200}; valid: an octomap_msgs/Octomap") from None
+    if not isinstance(resolution_m, (int, float, np.number)):
+        raise MapError(f"octomap has resolution {resolution_m!r:.40}; valid: meters")
+    return parse_octomap_body(body, float(resolution_m), binary=binary, kind=kind)
 
 
 def _leaves(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import CaptureError
-from boxgrasp.geometry.transforms import make_transform
+from boxgrasp.geometry.transforms import make_transform, rotation_of
 from boxgrasp.io.colors import unpack_rgb
 from boxgrasp.io.extent import header_lines, remaining_bytes, validate_cloud_size
 from boxgrasp.sensing.capture import Capture
@@ -141,18 +141,12 @@ def _viewpoint(words: list[str]) -> Floats | None:
         numbers = np.array([np.nan])
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         raise CaptureError(f"PCD viewpoint is {' '.join(words)!r:.60}; valid: seven numbers")
-    w, x, y, z = numbers[3:]
     if not 0.99 < np.linalg.norm(numbers[3:]) < 1.01:
         raise CaptureError("PCD viewpoint's quaternion is not of unit length; valid: qw qx qy qz")
     w, x, y, z = numbers[3:] / np.linalg.norm(numbers[3:])
     if not numbers[:3].any() and abs(w) == 1:
         return None
-    rotation = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return make_transform(rotation, numbers[:3])
+    return make_transform(rotation_of((x, y, z, w)), numbers[:3])
 
 
 def _is_messy(stream: IO[bytes]) -> bool:
