@@ -30,7 +30,7 @@ _COLOR_ENCODINGS: Final = {"rgb8": (3, 1), "bgr8": (3, -1), "rgba8": (4, 1), "bg
 _MASK_ENCODINGS: Final = {"mono8": 1, "8UC1": 1}
 _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _COMPRESSED_TOPIC: Final = "/compressedDepth"  # how a topic of compressed depth ends
-_COLOR_NEAR_NS: Final = 100_000_000  # between depth and the color image beside it
+COLOR_NEAR_NS: Final = 100_000_000  # between depth and the color image beside it
 
 
 def read_depth(image: Any) -> Points:
@@ -242,7 +242,7 @@ def nearest_color(images: Iterable[Any], depth: Any) -> Any | None:
         CaptureError: the depth image has no time, no frame or no size.
     """
     place = frame_id_of(depth), _size(depth)
-    stamp, best, apart = stamp_ns(depth), None, _COLOR_NEAR_NS
+    stamp, best, apart = stamp_ns(depth), None, COLOR_NEAR_NS
     for image in images:
         try:
             off = abs(stamp_ns(image) - stamp)
