@@ -6,17 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from boxgrasp_ros.interfaces import HEARD, TOLD
 from boxgrasp_ros.markers import NAMESPACES
 
 FILE = Path(__file__).resolve().parents[1] / "boxgrasp_ros" / "rviz" / "boxgrasp.rviz"
-# Topic: RViz2's display of its type, and whether it is latched.
-TOPICS = {
-    "cloud": ("rviz_default_plugins/PointCloud2", False),
-    "color": ("rviz_default_plugins/Image", False),
-    "/grasp_selector/markers": ("rviz_default_plugins/MarkerArray", True),
-    "/grasp_selector/grasp": ("rviz_default_plugins/Pose", True),
-    "/grasp_selector/grasps": ("rviz_default_plugins/PoseArray", True),
+# RViz2's display of a message.
+DISPLAYS = {
+    "sensor_msgs/PointCloud2": "PointCloud2",
+    "sensor_msgs/Image": "Image",
+    "visualization_msgs/MarkerArray": "MarkerArray",
+    "geometry_msgs/PoseStamped": "Pose",
+    "geometry_msgs/PoseArray": "PoseArray",
 }
+WANTED = ("cloud", "color", "~/markers", "~/grasp", "~/grasps")
 
 
 def view() -> dict[str, Any]:
@@ -26,15 +28,16 @@ def view() -> dict[str, Any]:
 
 def test_every_topic_is_the_nodes_with_the_display_of_its_type() -> None:
     shown = {item["Topic"]["Value"]: item for item in view()["Displays"] if "Topic" in item}
-    assert set(shown) == set(TOPICS)
-    for topic, (display, latched) in TOPICS.items():
-        item = shown[topic]
-        assert item["Class"] == display, topic
+    interfaces = {item.name: item for item in (*HEARD, *TOLD) if item.name in WANTED}
+    assert set(shown) == {name.replace("~", "/grasp_selector") for name in WANTED}
+    for name, interface in interfaces.items():
+        item = shown[name.replace("~", "/grasp_selector")]
+        assert item["Class"] == f"rviz_default_plugins/{DISPLAYS[interface.type]}", name
         durability = item["Topic"]["Durability Policy"]
-        assert durability == ("Transient Local" if latched else "Volatile"), topic
+        assert durability == ("Transient Local" if "latched" in interface.qos else "Volatile"), name
         # A reliable display would never meet a camera's best-effort topic.
         reliable = item["Topic"]["Reliability Policy"]
-        assert reliable == ("Reliable" if latched else "Best Effort"), topic
+        assert reliable == ("Reliable" if "reliable" in interface.qos else "Best Effort"), name
 
 
 def test_displays_are_those_a_person_needs() -> None:

@@ -224,7 +224,8 @@ class GraspSelectorNode(Node):  # type: ignore[misc]
             )
             for item in found:
                 self._collisions.publish(item)
-            self._collision_ids = planning_scene.ids_of(found)
+            present = {item.id for item in found if item.operation != item.REMOVE}
+            self._collision_ids = frozenset(present)
 
     def _later(self, work: Callable[[], None]) -> None:
         def guarded() -> None:

@@ -87,7 +87,7 @@ TOLD = (
         "~/collision_objects",
         "moveit_msgs/CollisionObject",
         "reliable, 100",
-        "table, objects and target as boxes for MoveIt's planning scene, where moveit_msgs is there",
+        "table, objects and the target as boxes for MoveIt's scene, where moveit_msgs is",
     ),
     Interface(
         "/diagnostics", "diagnostic_msgs/DiagnosticArray", _RELIABLE, "counts and timings, 1 Hz"
