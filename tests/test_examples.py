@@ -16,6 +16,8 @@ from helpers import drawn, seen
 
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.cli import main
+from boxgrasp.geometry.transforms import quaternion_xyzw
+from boxgrasp.io.frames import TransformBuffer
 from boxgrasp.perception.segmentation import SEGMENTATIONS
 from boxgrasp.selector import default_checks
 from boxgrasp.simulate import demo_capture, to_capture
@@ -182,22 +184,47 @@ def test_ros_page_code_runs() -> None:
     assert view.depth is not None and view.intrinsics is not None
     height, width = view.depth.shape
     data = np.round(view.depth * 1000).astype(np.uint16).tobytes()
-    depth = SimpleNamespace(height=height, width=width, step=2 * width, data=data)
-    info = SimpleNamespace(k=view.intrinsics.reshape(-1).tolist())
+    stamp = SimpleNamespace(sec=7, nanosec=5)
+    depth = SimpleNamespace(
+        header=SimpleNamespace(frame_id="camera_optical_frame", stamp=stamp),
+        height=height,
+        width=width,
+        encoding="16UC1",
+        is_bigendian=0,
+        step=2 * width,
+        data=data,
+    )
+    k = view.intrinsics.reshape(-1).tolist()
+    info = SimpleNamespace(height=height, width=width, d=[0.0] * 5, k=k)
+    assert view.T_base_camera is not None
+    x, y, z, w = quaternion_xyzw(view.T_base_camera[:3, :3]).tolist()
+    place = dict(zip("xyz", view.T_base_camera[:3, 3].tolist(), strict=True))
+    mounted = SimpleNamespace(
+        header=SimpleNamespace(frame_id="base_link", stamp=stamp),
+        child_frame_id="camera_optical_frame",
+        transform=SimpleNamespace(
+            translation=SimpleNamespace(**place), rotation=SimpleNamespace(x=x, y=y, z=z, w=w)
+        ),
+    )
+    buffer = names["buffer"]
+    assert isinstance(buffer, TransformBuffer)
+    buffer.add(SimpleNamespace(transforms=[mounted]), True)
+    T_base_camera = buffer.lookup("base_link", "camera_optical_frame", 0)
+    np.testing.assert_allclose(T_base_camera, view.T_base_camera, atol=1e-12)
     pixel = view.target_pixel
     depth_m = (np.frombuffer(data, np.uint16).reshape(height, width) * 0.001).astype(np.float32)
-    same = Capture(depth_m, view.intrinsics, view.T_base_camera)
+    same = Capture(depth_m, view.intrinsics, T_base_camera)
     # The page's own faces are all in the way here, so it asks; with every face there is a grasp.
     for selector in (names["selector"], GraspSelector()):
         names["selector"] = selector
         assert isinstance(selector, GraspSelector)
         known = selector.select(same, Target(pixel=pixel))
-        answer = names["on_request"](depth, info, view.T_base_camera, pixel)  # type: ignore[operator]
+        answer = names["on_request"](depth, info, pixel)  # type: ignore[operator]
         if known.refusal is not None:
             assert answer == known.refusal.message
         else:
             poses = [candidate.T_base_gripper for candidate in known.passing]
             np.testing.assert_array_equal(answer, poses)
     assert known.status == "grasp"
-    refused = names["on_request"](depth, info, view.T_base_camera, (9999, 5))  # type: ignore[operator]
+    refused = names["on_request"](depth, info, (9999, 5))  # type: ignore[operator]
     assert isinstance(refused, str) and "valid" in refused

@@ -18,12 +18,16 @@ from PIL import Image
 from boxgrasp.errors import CaptureError
 from boxgrasp.io.messages import (
     cloud_capture,
+    depth_capture,
     is_color,
+    nearest_color,
     read_cloud,
     read_color,
     read_compressed_depth,
     read_depth,
     read_intrinsics,
+    read_mask,
+    stamp_ns,
 )
 from boxgrasp.kernels import rvl
 from boxgrasp.sensing.capture import Capture
@@ -55,7 +59,7 @@ def image_message(
 ) -> Message:
     rows = rows_of(pixels.astype(pixels.dtype.newbyteorder(order_of(big))), padding)
     return Message(
-        header=Message(frame_id="camera_optical_frame"),
+        header=header(),
         height=pixels.shape[0],
         width=pixels.shape[1],
         encoding=encoding,
@@ -65,8 +69,15 @@ def image_message(
     )
 
 
-def compressed_message(told: str, data: bytes, holder: str = "bytes") -> Message:
-    return Message(format=told, data=HOLDERS[holder](bytes(12) + data))
+def compressed_message(
+    told: str, data: bytes, holder: str = "bytes", head: bytes = bytes(12)
+) -> Message:
+    return Message(header=header(), format=told, data=HOLDERS[holder](head + data))
+
+
+def header(stamp: int = 0, frame_id: str = "camera_optical_frame") -> Message:
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    return Message(frame_id=frame_id, stamp=Message(sec=seconds, nanosec=nanoseconds))
 
 
 def png_of(millimeters: np.ndarray) -> bytes:
@@ -182,7 +193,7 @@ def cloud_message(
         fields.append(Message(name=name, offset=offset, datatype=datatype, count=1))
     rows = rows_of(cells, padding)
     return Message(
-        header=Message(frame_id="camera_optical_frame"),
+        header=header(),
         height=height,
         width=width,
         fields=fields,
@@ -275,6 +286,82 @@ def test_rvl_gives_back_what_was_packed(seed, height, width, missing, farthest):
     pixels[rng.random(pixels.shape) < missing] = 0
     depth = read_compressed_depth(compressed_message("16UC1; compressedDepth rvl", rvl_of(pixels)))
     np.testing.assert_array_equal(depth, (pixels * 0.001).astype(np.float32))
+
+
+def inverse_depth(
+    meters: np.ndarray, farthest_m: float = 10.0, finest: float = 100.0
+) -> tuple[np.ndarray, bytes]:
+    """(H, W) uint16 and the header, as compressed_depth_image_transport's page on 32FC1 has it."""
+    a = np.float32(finest * (finest + 1))
+    b = np.float32(1 - a / farthest_m)
+    values = np.zeros(meters.shape, np.uint16)
+    held = meters < farthest_m  # not NaN
+    values[held] = np.minimum(a / meters[held] + b, 65535).astype(np.uint16)
+    return values, struct.pack("<iff", 0, a, b)
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+@quick
+@given(seed=seeds, farthest_m=st.sampled_from([3.0, 10.0, 40.0]), holder=holders)
+def test_compressed_meters_come_back_as_finely_as_they_were_sent(coding, seed, farthest_m, holder):
+    rng = np.random.default_rng(seed)
+    meters = rng.uniform(0.3, 1.2 * farthest_m, (5, 7)).astype(np.float32)
+    meters[rng.random(meters.shape) < 0.2] = np.nan
+    values, head = inverse_depth(meters, farthest_m)
+    told = f"32FC1; compressedDepth {coding}"
+    depth = read_compressed_depth(compressed_message(told, CODINGS[coding](values), holder, head))
+    assert depth.dtype == np.float32 and not depth.flags.writeable
+    held = meters < farthest_m
+    np.testing.assert_array_equal(np.isfinite(depth), held)
+    step_m = meters[held] ** 2 / 10100 * 1.05 + 1e-5  # of one whole number
+    assert (depth[held] >= meters[held] - 1e-4).all()
+    assert (depth[held] - meters[held] <= step_m).all()
+
+
+def test_inverse_depth_is_as_worked_out_by_hand():
+    values = np.array([[0, 1, 2, 11, 65535]], np.uint16)
+    for a, b, expected in (
+        (10.0, 1.0, [np.nan, np.nan, 10, 1, 10 / 65534]),  # 1 is B: nothing within range
+        (10.0, -9.0, [np.nan, 1, 10 / 11, 0.5, 10 / 65544]),
+    ):
+        message = compressed_message(
+            "32FC1; compressedDepth", png_of(values), head=struct.pack("<iff", -1, a, b)
+        )
+        np.testing.assert_allclose(read_compressed_depth(message)[0], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "a, b", [(0, 1), (-1, 0), (np.nan, 0), (np.inf, 0), (1, np.nan), (1, -np.inf), (1, 1.5)]
+)
+def test_inverse_depth_of_other_numbers_is_refused(a, b):
+    head = struct.pack("<iff", 0, a, b)
+    message = compressed_message("32FC1; compressedDepth png", png_of(MILLIMETERS), head=head)
+    assert "valid: A above 0, B at most 1, finite" in refused(read_compressed_depth, message)
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "8UC1"])
+def test_masks_are_true_where_they_are_not_black(encoding):
+    pixels = np.array([[0, 1, 0], [255, 0, 7]], np.uint8)
+    mask = read_mask(image_message(pixels, encoding, padding=3, holder="array"))
+    assert mask.dtype == np.bool_ and not mask.flags.writeable
+    np.testing.assert_array_equal(mask, pixels != 0)
+    assert "valid: mono8, 8UC1" in refused(read_mask, image_message(SEEN.rgb, "rgb8"))
+
+
+def test_stamps_are_of_either_ros():
+    assert stamp_ns(Message(header=header(1_700_000_000_000_000_123))) == 1_700_000_000_000_000_123
+    ros1 = Message(header=Message(stamp=Message(secs=3, nsecs=4)))
+    assert stamp_ns(ros1) == 3_000_000_004
+    for stamp in (
+        Message(sec=1, nanosec=1_000_000_000),
+        Message(sec=-1, nanosec=0),
+        Message(sec=1, nanosec=-1),
+        Message(sec=1 << 32, nanosec=0),
+        Message(sec=1.5, nanosec=0),
+        Message(sec=1),
+        None,
+    ):
+        refused(stamp_ns, Message(header=Message(stamp=stamp)))
 
 
 def test_rvl_of_the_smallest_images_is_as_worked_out_by_hand():
@@ -379,6 +466,109 @@ def test_clouds_become_captures_with_pose_and_warning():
     posed = cloud_capture(named, "base", SEEN.T_base_camera)
     np.testing.assert_array_equal(posed.T_base_camera, SEEN.T_base_camera)
     assert not [w for w in posed.warnings if w.code == "frame_taken_as_optical"]
+
+
+@pytest.mark.parametrize("coding", ["raw", *CODINGS])
+def test_depth_images_become_captures(coding):
+    if coding == "raw":
+        depth = image_message(MILLIMETERS, "16UC1")
+    else:
+        depth = compressed_message(f"16UC1; compressedDepth {coding}", CODINGS[coding](MILLIMETERS))
+    color, arm = image_message(SEEN.rgb, "rgb8"), np.zeros((HEIGHT, WIDTH), bool)
+    arm[:3] = True
+    given = {"color": color, "T_base_camera": SEEN.T_base_camera, "robot_mask": arm}
+    found = depth_capture(depth, info_message(), topic="/d/image_raw", **given)
+    same = Capture(
+        (MILLIMETERS * 0.001).astype(np.float32),
+        SEEN.intrinsics,
+        SEEN.T_base_camera,
+        SEEN.rgb,
+        robot_mask=arm,
+    )
+    for name in ("depth", "intrinsics", "T_base_camera", "rgb", "robot_mask", "warnings"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(same, name))
+    bare = depth_capture(depth, info_message())
+    assert bare.rgb is None and bare.T_base_camera is None and bare.robot_mask is None
+    bent = info_message(d=[0.1])
+    tail = "" if coding == "raw" else "/compressedDepth"
+    rectified = depth_capture(depth, bent, topic=f"/d/image_rect{tail}")
+    np.testing.assert_array_equal(rectified.intrinsics, SEEN.intrinsics + np.diag([1, 1, 0]))
+    with pytest.raises(CaptureError, match="CameraInfo of '/d/image_raw' has lens distortion"):
+        depth_capture(depth, bent, topic="/d/image_raw")
+    with pytest.raises(CaptureError, match="CameraInfo has lens distortion"):
+        depth_capture(depth, bent)
+
+
+def test_color_and_masks_must_fit_the_depth():
+    depth = image()
+    other = image_message(SEEN.rgb, "rgb8")
+    other.header = header(frame_id="color_optical_frame")
+    said = "color is in frame 'color_optical_frame'; valid: 'camera_optical_frame', registered"
+    with pytest.raises(CaptureError, match=said):
+        depth_capture(depth, info_message(), color=other)
+    with pytest.raises(CaptureError, match="rgb has shape"):
+        depth_capture(depth, info_message(), color=image_message(SEEN.rgb[1:], "rgb8"))
+    with pytest.raises(CaptureError, match="robot_mask has shape"):
+        depth_capture(depth, info_message(), robot_mask=np.zeros((3, 4), bool))
+    with pytest.raises(CaptureError, match="T_base_camera"):
+        depth_capture(depth, info_message(), T_base_camera=np.zeros((4, 4)))
+
+
+def colored(stamp: int, **changes: Any) -> Message:
+    message = image_message(SEEN.rgb, "rgb8")
+    message.header = header(stamp)
+    message.__dict__.update(changes)
+    return message
+
+
+@pytest.mark.parametrize("coding", ["raw", *CODINGS])
+def test_the_color_image_is_the_nearest_that_fits(coding):
+    depth, near = image(), 100_000_000
+    if coding != "raw":
+        depth = compressed_message(f"16UC1; compressedDepth {coding}", CODINGS[coding](MILLIMETERS))
+    depth.header = header(10 * near)
+    exact = 10 * near
+    first, second = colored(exact - 5), colored(exact + 5)
+    assert nearest_color([colored(exact - 9), first, second, colored(exact + 99)], depth) is first
+    assert nearest_color(iter([second, first]), depth) is second
+    assert nearest_color([colored(exact + near - 1)], depth) is not None
+    for unfit in (
+        colored(exact + near),
+        colored(exact - near),
+        colored(exact, header=header(exact, "color_optical_frame")),
+        colored(exact, encoding="mono8"),
+        colored(exact, width=WIDTH - 1),
+        colored(exact, data=bytes(5)),
+        colored(exact, header=None),
+        colored(exact, encoding=3),
+        None,
+        Message(),
+    ):
+        assert nearest_color([unfit], depth) is None
+        assert nearest_color([unfit, first], depth) is first
+
+
+def test_points_of_another_frame_are_moved_into_the_cameras():
+    turn = np.array([[0, -1, 0, 2], [0, 0, -1, 30], [1, 0, 0, -7], [0, 0, 0, 1]], float)
+    elsewhere = (SEEN.points - turn[:3, 3]) @ turn[:3, :3]  # in the cloud's frame
+    elsewhere = elsewhere.astype(np.float32)
+    elsewhere[np.isnan(elsewhere)] = 0  # missing, as some drivers have it
+    columns = {axis: (elsewhere[..., i], 4 * i) for i, axis in enumerate("xyz")}
+    for big in (False, True):
+        message = cloud_message(columns, 16, big=big)
+        message.header = header(frame_id="camera_link")
+        arm = np.zeros((HEIGHT, WIDTH), bool)
+        arm[0] = True
+        capture = cloud_capture(message, "optical", SEEN.T_base_camera, arm, turn)
+        same = Capture.from_cloud(SEEN.points).points
+        np.testing.assert_array_equal(np.isnan(capture.points), np.isnan(same))
+        np.testing.assert_allclose(capture.points, same, atol=5e-6)
+        assert capture.warnings == () and capture.shape == (HEIGHT, WIDTH)
+        np.testing.assert_array_equal(capture.robot_mask, arm)
+    assert "T_camera_cloud is mirrored" in refused(
+        cloud_capture, message, "optical", None, None, np.diag([1, 1, -1, 1])
+    )
+    assert "for cloud frame 'base'" in refused(cloud_capture, message, "base", None, None, turn)
 
 
 # What is malformed is refused in one line.
@@ -533,6 +723,64 @@ def test_truncated_compressed_depth_is_refused(coding):
 def test_malformed_rvl_is_refused(data, message):
     packed = compressed_message("16UC1; compressedDepth rvl", data)
     assert message in refused(read_compressed_depth, packed)
+
+
+anything = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**80), 2**80),
+    st.floats(),
+    st.text(max_size=3),
+    st.binary(max_size=3),
+    st.lists(st.integers(), max_size=3),
+    st.builds(Message),
+    st.builds(lambda: np.zeros(3, np.float32)),
+)
+ENTRIES: dict[str, tuple[Any, Any]] = {
+    "depth": (lambda m: depth_capture(m, info_message()), image),
+    "packed": (
+        lambda m: depth_capture(m, info_message()),
+        lambda: compressed_message("16UC1; compressedDepth png", png_of(MILLIMETERS)),
+    ),
+    "info": (lambda m: depth_capture(image(), m), info_message),
+    "color": (
+        lambda m: depth_capture(image(), info_message(), color=m),
+        lambda: image_message(SEEN.rgb, "rgb8"),
+    ),
+    "near color": (lambda m: nearest_color([m], image()), lambda: colored(0)),
+    "near depth": (lambda m: nearest_color([colored(0)], m), image),
+    "cloud": (lambda m: cloud_capture(m, "optical"), plain_cloud),
+    "mask": (read_mask, lambda: image_message(SEEN.rgb[..., 0], "mono8")),
+    "stamp": (stamp_ns, image),
+}
+
+
+def holders_in(message: Any) -> list[Message]:
+    """The message, and every message in it."""
+    found = [message]
+    for value in vars(message).values():
+        for inner in value if isinstance(value, list) else [value]:
+            found += holders_in(inner) if isinstance(inner, Message) else []
+    return found
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_messages_with_any_fields_are_read_or_refused(name, data):
+    call, make = ENTRIES[name]
+    message = make()
+    for _ in range(data.draw(st.integers(1, 2))):
+        holder = data.draw(st.sampled_from(holders_in(message)))
+        field = data.draw(st.sampled_from(sorted(vars(holder)) or ["data"]))
+        if data.draw(st.booleans()) and hasattr(holder, field):
+            delattr(holder, field)
+        else:
+            setattr(holder, field, data.draw(anything))
+    try:
+        call(data.draw(anything) if data.draw(st.integers(0, 9)) == 0 else message)
+    except CaptureError as error:
+        assert str(error).isprintable()
 
 
 @pytest.mark.parametrize("coding", CODINGS)

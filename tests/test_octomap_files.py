@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import sys
+from array import array
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from boxgrasp.errors import BoxgraspError, MapError, MissingExtraError
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.io.octomap import (
     cells_of,
+    octomap_cells,
     parse_octomap,
     parse_octomap_body,
     read_octomap,
@@ -220,6 +223,70 @@ def test_color_trees_and_bodies_without_header_are_read() -> None:
         body = data[data.index(b"data\n") + 5 :]
         cells = parse_octomap_body(body, 0.05, binary=binary)
         np.testing.assert_array_equal(cells.keys, parse_octomap(data).keys)
+
+
+def octomap_message(tree: Any, binary: bool, /, **changes: Any) -> SimpleNamespace:
+    data = tree.writeBinary() if binary else tree.write()
+    fields = {
+        "header": SimpleNamespace(frame_id="map"),
+        "binary": binary,
+        "id": "OcTree",
+        "resolution": 0.05,
+        "data": data[data.index(b"data\n") + 5 :],
+    }
+    return SimpleNamespace(**{**fields, **changes})
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_octomap_messages_of_every_decoder_are_read(binary: bool) -> None:
+    tree = tree_of(4)
+    same = parse_octomap(tree.writeBinary() if binary else tree.write())
+    body = octomap_message(tree, binary).data
+    signed = np.frombuffer(body, np.int8)
+    for data in (body, signed, array("b", body), memoryview(body), signed.tolist(), (*signed,)):
+        for flag in (binary, np.bool_(binary), int(binary)):
+            cells = octomap_cells(octomap_message(tree, binary, data=data, binary=flag))
+            np.testing.assert_array_equal(cells.keys, same.keys)
+            np.testing.assert_array_equal(cells.log_odds, same.log_odds)
+    assert len(octomap_cells(octomap_message(tree, binary, data=b""))) == 0
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"data": None}, "data of type NoneType"),
+        ({"data": [1, 2, 300]}, "octomap signed char is greater than maximum"),
+        ({"data": ["a"]}, "octomap"),
+        ({"data": b"\x00"}, "ends within node"),
+        ({"id": "OcTreeBaseless"}, "tree is a 'OcTreeBaseless'"),
+        ({"id": 7}, "id of type int"),
+        ({"binary": "yes"}, "binary 'yes'; valid: true or false"),
+        ({"resolution": 0.0}, "resolution is 0.0 m"),
+        ({"resolution": float("nan")}, "resolution is nan m"),
+        ({"resolution": "0.05"}, "resolution '0.05'; valid: meters"),
+        ({"resolution": 10**400}, "resolution"),
+    ],
+)
+def test_malformed_octomap_messages_are_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(MapError) as caught:
+        octomap_cells(octomap_message(tree_of(4), False, **changes))
+    assert said in str(caught.value) and str(caught.value).isprintable()
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_octomap_messages_with_any_fields_are_read_or_refused(data: Any) -> None:
+    message = octomap_message(tree_of(4, n=10), True)
+    kinds = (st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=3))
+    anything = st.one_of(*kinds, st.binary(max_size=30), st.lists(st.integers(-200, 200)))
+    for _ in range(data.draw(st.integers(1, 2))):
+        setattr(message, data.draw(st.sampled_from(sorted(vars(message)))), data.draw(anything))
+    if data.draw(st.booleans()):
+        delattr(message, data.draw(st.sampled_from(sorted(vars(message)))))
+    try:
+        octomap_cells(message)
+    except MapError as error:
+        assert str(error).isprintable()
 
 
 def header(kind: str = "OcTree", size: int = 1, res: str = "0.05", binary: bool = False) -> bytes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -377,6 +379,21 @@ def test_warm_up_changes_no_answer() -> None:
     capture = seen(drawn(3), 3)
     again, before = selector.select(capture).to_dict(), answer(3).to_dict()
     assert again.pop("timings_ms") and before.pop("timings_ms") and again == before
+
+
+def test_warm_up_loads_what_reads_rvl_images() -> None:
+    """In a process of its own: nothing is compiled or loaded afterwards."""
+    code = (
+        "import struct, numpy as np; from types import SimpleNamespace as M;"
+        "from boxgrasp import GraspSelector; from boxgrasp.kernels import rvl;"
+        "GraspSelector().warm_up(); before = list(rvl.unpack.signatures); assert before;"
+        "from boxgrasp.io.messages import read_compressed_depth;"
+        "data = bytes(12) + struct.pack('<III', 2, 1, 0x02A11000);"
+        "image = M(format='16UC1; compressedDepth rvl', data=data);"
+        "assert read_compressed_depth(image).shape == (1, 2);"
+        "assert list(rvl.unpack.signatures) == before"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
 
 
 class LastFirst(Ranker):

@@ -362,6 +362,7 @@ BAD = {
     "no parent": ({"parent": ""}, "valid: two names"),
     "itself": ({"child": "a", "parent": "/a"}, "valid: two names"),
     "a long name": ({"child": "x" * 1001}, "valid: two names"),
+    "no words": ({"child": "a\n\x1b[31m"}, "valid: two names"),
     "no name": ({"child": 3}, "child_frame_id of type int; valid: text"),
     "a stamp": ({"stamp": -1}, "sec -1"),
 }

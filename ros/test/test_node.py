@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from boxgrasp_msgs.msg import GraspSelection, Target, View
+from boxgrasp_msgs.msg import GraspSelection, Status, Target, View
 from boxgrasp_ros.grasp_selector import LATCHED
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped
@@ -106,9 +106,9 @@ def test_the_newest_view_of_the_topics_is_answered(rig: Rig) -> None:
     answer = rig.answer(View(), pixel_target(other))
     points = cloud_capture(cloud(other, now), "optical", pose(other))
     found = plain(answer.json)
-    assert found.pop("warnings")[0]["code"] == "frame_taken_as_optical"
+    codes = [item["code"] for item in found.pop("warnings")]
     known = expected(points, LibraryTarget(pixel=(u, v)))
-    assert known.pop("warnings") == []
+    assert codes == ["frame_taken_as_optical", *(w["code"] for w in known.pop("warnings"))]
     np.testing.assert_allclose(  # through a quaternion
         found["grasp"]["T_base_gripper"], known["grasp"]["T_base_gripper"], atol=1e-6
     )
@@ -119,6 +119,8 @@ def test_an_action_tells_its_stages_and_gives_the_same_answer(rig: Rig) -> None:
     rig.tell_transform(transform(capture.T_base_camera, T0), static=True)
     view, target = depth_view(capture), pixel_target(capture)
     told: list[Any] = []
+    first = rig.goal(view, Target(kind=99))  # until then feedback may not find its way
+    assert wait_for(first.get_result_async()).result.status.code == Status.BAD_TARGET
     handle = rig.goal(view, target, lambda message: told.append(message.feedback))
     result = wait_for(handle.get_result_async()).result
     assert plain(result.selection.json) == plain(rig.answer(view, target).json)
@@ -277,11 +279,14 @@ def test_parameters_change_while_the_node_runs(rig: Rig) -> None:
         ("gripper.length_m", 0.3, "restart"),
         ("base_frame", "odom", "restart"),
         ("ranker", "nobody", "nobody"),
-        ("models", "/no/such/folder", "folder"),
         ("max_waiting", 0, ""),
     ):
         (done,) = set_now([Parameter(name, value=value)])
         assert not done.successful and reason in done.reason, name
+    done = rig.node.set_parameters_atomically(
+        [Parameter("ranker", value="cascade-grid"), Parameter("models", value="/no/such/folder")]
+    )
+    assert not done.successful and "/no/such/folder" in done.reason
     assert plain(rig.answer(view, target).json) == known
 
 
@@ -294,6 +299,7 @@ def test_earlier_views_are_fused_at_their_own_poses(make_node: Callable[..., Any
         rig.tell_transform(transform(capture.T_base_camera, stamp))
     for capture, stamp in frames:
         rig.publish("camera_info", camera_info(capture, stamp))
+        wait_until(lambda: rig.node._inbox._infos)
         rig.publish("depth", depth_image(capture, stamp))
         wait_until(lambda stamp=stamp: (n := rig.node._inbox.newest()) and n.stamp_ns == stamp)
     wait_until(lambda: len(rig.node._earlier._kept) == 2)

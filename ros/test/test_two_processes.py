@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +22,24 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 from scenes import BASE, camera_info, cloud, color_image, depth_image, transform
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 from waiting import call, wait_for, wait_until
 
-from boxgrasp import load_capture
-from boxgrasp.geometry.transforms import quaternion_xyzw
+from boxgrasp import GraspSelector, load_capture
+from boxgrasp import Target as LibraryTarget
+from boxgrasp.io.messages import cloud_capture
 
 SHARED = Path(os.environ.get("BOXGRASP_SHARED", Path(__file__).parents[3] / "shared"))
 NAME = "uois_05"
 STATIC = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=5)
 T0 = 5 * 10**9
-TILTED = ((0, -0.6, 0.8, -0.5), (-1, 0, 0, 0.1), (0, -0.8, -0.6, 0.9), (0, 0, 0, 1))
 
 
 @pytest.fixture
@@ -68,13 +72,17 @@ def real_capture() -> Any:
     return load_capture(place)
 
 
-def pixel_of(capture: Any) -> tuple[int, int]:
-    """A pixel on the largest thing of the capture."""
-    from boxgrasp import GraspSelector
-
-    largest = max(GraspSelector().objects(capture), key=lambda item: item.points)
-    assert largest.pixel is not None
-    return largest.pixel
+@cache
+def asked() -> tuple[Any, np.ndarray, tuple[int, int]]:
+    """A real capture, the camera's pose over its table, and a pixel on a thing to be had."""
+    capture, selector = real_capture(), GraspSelector()
+    for item in selector.objects(capture):
+        answer = selector.select(capture, LibraryTarget(pixel=item.pixel))
+        seen = cloud_capture(cloud(capture, T0), "optical", answer.T_base_camera)
+        if answer.grasp is not None and item.pixel is not None:
+            if selector.select(seen, LibraryTarget(pixel=item.pixel)).grasp is not None:
+                return capture, np.asarray(answer.T_base_camera), item.pixel
+    raise AssertionError("nothing in the capture is answered with a grasp")
 
 
 def command_line(place: Path, *options: str) -> dict[str, Any]:
@@ -92,7 +100,7 @@ def command_line(place: Path, *options: str) -> dict[str, Any]:
 def saved(capture: Any, path: Path) -> Path:
     """The capture with the pose that the node gets by TF."""
     held = {"depth": capture.depth, "intrinsics": capture.intrinsics, "rgb": capture.rgb}
-    np.savez(path, T_base_camera=np.array(TILTED, float), **held)
+    np.savez(path, T_base_camera=asked()[1], **held)
     return path
 
 
@@ -113,8 +121,7 @@ def assert_same_grasp(selection: Any, answer: dict[str, Any]) -> None:
 def test_a_real_capture_in_two_processes(
     start: Callable[..., subprocess.Popen[str]], make_node: Callable[..., Node], tmp_path: Path
 ) -> None:
-    capture = real_capture()
-    u, v = pixel_of(capture)
+    capture, T_base_camera, (u, v) = asked()
     offline = command_line(saved(capture, tmp_path / "view.npz"), "--pixel", str(u), str(v))
     process = start(
         "-r", "__node:=chooser", "-r", "cloud:=/camera/points", "-r", "depth:=/camera/depth",
@@ -128,12 +135,15 @@ def test_a_real_capture_in_two_processes(
     select = client.create_client(SelectGrasp, "/chooser/select")
     assert select.wait_for_service(timeout_sec=90), process.poll()
     transforms = client.create_publisher(TFMessage, "/tf_static", STATIC)
-    transforms.publish(transform(np.array(TILTED, float), 0))
+    transforms.publish(transform(T_base_camera, 0))
     target = Target(kind=Target.PIXEL, u=u, v=v)
     publish_reliably(client, "/camera/points", cloud(capture, now_ns(client)))
     by_cloud = call(select, SelectGrasp.Request(target=target), 60)
     assert by_cloud.status.code == 0, by_cloud.status.message
-    of_cloud = command_line(saved_cloud(capture, tmp_path / "view.pcd"), "--pixel", str(u), str(v))
+    of_cloud = command_line(
+        recorded_cloud(capture, tmp_path / "bag"),
+        *("--base-frame", BASE, "--topic", "/camera/points", "--pixel", str(u), str(v)),
+    )
     assert_same_grasp(by_cloud.selection, of_cloud)
 
     publish_reliably(client, "/camera/camera_info", camera_info(capture, now_ns(client)))
@@ -177,17 +187,17 @@ def test_a_real_capture_in_two_processes(
     assert "Traceback" not in told, told
 
 
-def saved_cloud(capture: Any, path: Path) -> Path:
-    """The organized cloud as a PCD whose viewpoint is the pose that the node gets by TF."""
-    message, T = cloud(capture, T0), np.array(TILTED, float)
-    x, y, z, w = quaternion_xyzw(T[:3, :3]).tolist()
-    viewpoint = " ".join(repr(value) for value in (*T[:3, 3].tolist(), w, x, y, z))
-    header = (
-        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
-        f"WIDTH {message.width}\nHEIGHT {message.height}\nVIEWPOINT {viewpoint}\n"
-        f"POINTS {message.width * message.height}\nDATA binary\n"
-    )
-    path.write_bytes(header.encode() + bytes(message.data))
+def recorded_cloud(capture: Any, path: Path) -> Path:
+    """A bag with the cloud and the transform that the node gets by TF."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(path, version=9) as writer:
+        for topic, message in (
+            ("/tf_static", transform(asked()[1], T0)),
+            ("/camera/points", cloud(capture, T0)),
+        ):
+            package, name = type(message).__module__.split(".")[0], type(message).__name__
+            link = writer.add_connection(topic, f"{package}/msg/{name}", typestore=store)
+            writer.write(link, T0, serialize_message(message))
     return path
 
 

@@ -58,7 +58,7 @@ _MOST_TOLD: Final = 200  # sentences that are remembered, so that each is logged
 GoOn = Callable[[], None]
 
 
-class GraspSelectorNode(Node):  # type: ignore[misc]
+class GraspSelectorNode(Node):
     """Answers requests with the library; holds what arrived, and what was answered last."""
 
     def __init__(self, **options: Any) -> None:
@@ -198,8 +198,8 @@ class GraspSelectorNode(Node):  # type: ignore[misc]
         self.create_timer(_DIAGNOSTICS_S, self._tell_diagnostics)
 
     def _tell_diagnostics(self) -> None:
-        newest, now = self._inbox.newest(), self.get_clock().now()
-        age_s = None if newest is None else (now.nanoseconds - newest.stamp_ns) / 1e9
+        newest, now = self._inbox.newest_stamp_ns, self.get_clock().now()
+        age_s = None if newest is None else (now.nanoseconds - newest) / 1e9
         self._diagnostics.publish(diagnostics(self._record, self.get_name(), now.to_msg(), age_s))
 
     def _tell_answer(

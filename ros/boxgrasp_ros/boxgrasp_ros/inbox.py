@@ -117,6 +117,12 @@ class Inbox:
         """
         self._put(self._robot_masks, message)
 
+    @property
+    def newest_stamp_ns(self) -> int | None:
+        """Of the newest view; None before the first."""
+        view = self._view
+        return None if view is None else view[2]
+
     def newest(self) -> RawView | None:
         """The newest view with what lies beside it now; nothing is waited for.
 

@@ -11,7 +11,7 @@ from boxgrasp_msgs.msg import Target as TargetMessage
 from boxgrasp_msgs.msg import View as ViewMessage
 
 from boxgrasp.arrays import Floats
-from boxgrasp.errors import TransformError
+from boxgrasp.errors import CaptureError, TransformError
 from boxgrasp.io.fields import stamp_ns
 from boxgrasp.io.frames import TransformBuffer
 from boxgrasp.io.messages import cloud_capture, depth_capture, read_mask
@@ -131,8 +131,7 @@ def target_of(
         It.
 
     Raises:
-        Failure: BAD_TARGET for an unknown kind.
-        CaptureError: a mask of another encoding.
+        Failure: BAD_TARGET for an unknown kind, or a mask of another encoding.
         TransformError: the point's frame is not known at that time.
     """
     kind = message.kind
@@ -149,7 +148,10 @@ def target_of(
         x, y, z = point[:3].tolist()
         return Target(point=(x, y, z))
     if kind == TargetMessage.MASK:
-        return Target(mask=read_mask(message.mask))
+        try:
+            return Target(mask=read_mask(message.mask))
+        except CaptureError as error:
+            raise Failure(Status.BAD_TARGET, f"target's mask: {error}") from None
     if kind == TargetMessage.BOX:
         box = message.box
         u, v = box.x_offset, box.y_offset

@@ -295,7 +295,8 @@ def _samples_of(
 
 def _sample_of(stamped: Any, static: bool) -> tuple[str, int, _Sample]:
     child, parent = text_of(stamped, "child_frame_id").lstrip("/"), frame_id_of(stamped)
-    if not child or not parent or child == parent or max(len(child), len(parent)) > _LONGEST_NAME:
+    sound = all(name.isprintable() and 0 < len(name) <= _LONGEST_NAME for name in (child, parent))
+    if not sound or child == parent:
         raise _malformed(f"frame {child!r:.60} in {parent!r:.60}; valid: two names")
     stamp = 0 if static else stamp_ns(stamped)
     moved = field_of(stamped, "transform")

@@ -159,12 +159,12 @@ def octomap_cells(message: Any) -> MapCells:
         kind, binary = text_of(message, "id"), flag_of(message, "binary")
         resolution_m, data = field_of(message, "resolution"), field_of(message, "data")
         if isinstance(data, (list, tuple)):
-            body = array.array("b", data).tobytes()
+            body = array.array("b", data).tobytes()  # as rospy has int8
         else:
             body = bytes_of(message).tobytes()
     except (CaptureError, TypeError, OverflowError) as error:
         raise MapError(f"octomap {str(error):.200}; valid: an octomap_msgs/Octomap") from None
-    if not isinstance(resolution_m, (int, float, np.number)):
+    if not isinstance(resolution_m, (float, np.floating)):
         raise MapError(f"octomap has resolution {resolution_m!r:.40}; valid: meters")
     return parse_octomap_body(body, float(resolution_m), binary=binary, kind=kind)
 
