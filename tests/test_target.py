@@ -373,6 +373,7 @@ WRONG = {
     "mask of everything but a thing": lambda: Target(mask=OBJECT_IDS != CAN),
     "mask of all things": lambda: Target(mask=OBJECT_IDS > 1),
     "point in the air": lambda: Target(point=(0.85, 0.0, 1.4)),
+    "point beyond all numbers": lambda: Target(point=(1e300, 0.0, 1.4)),
     "point on the table": lambda: Target(point=(0.60, 0.30, TABLE_M)),
     "point NaN": lambda: Target(point=(float("nan"), 0.0, 0.8)),
     "point of two": lambda: Target(point=(0.8, 0.0)),  # type: ignore[arg-type]

@@ -19,7 +19,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 from waiting import call, wait_for, wait_until
 
-NAMES = {getattr(Status, name): name for name in dir(type(Status)) if name.isupper()}
+NAMES = {
+    getattr(Status, name): name for name in dir(type(Status)) if name.isupper() and name[0] != "_"
+}
 STATIC = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 

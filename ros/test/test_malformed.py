@@ -38,9 +38,12 @@ def survived(node: Any, rng: random.Random, count: int) -> dict[str, int]:
         for subscription in node.subscriptions
     }
     counts = dict.fromkeys(NAMES.values(), 0)
+    sound = transform(table().T_base_camera, T0)
     for _ in range(count):
         topic, message = malformed.random_message(rng)
         takes[topic](message)
+        if rng.random() < 0.8:  # else most requests end for want of a pose
+            takes["tf_static"](sound)
         request = SelectGrasp.Request(target=malformed.random_target(rng))
         if rng.random() < 0.8:
             request.view = malformed.random_view(rng)

@@ -22,9 +22,10 @@ _SAME: Final = 1e-6  # m between two cell sizes; between entries of two frames' 
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """The newest map: its message, where its origin lies, when it came (ns), from which topic."""
+    """The newest map: its message, its frame, where its origin lies, its time, its topic."""
 
     message: Any
+    frame: str
     origin: Any
     stamp_ns: int
     topic: str
@@ -38,32 +39,35 @@ class Maps:
         self._held: _Held | None = None
         self._read: tuple[_Held, MapCells] | None = None
 
-    def put(self, message: Any, topic: str, now_ns: int, origin: Any = None) -> None:
+    def put(self, message: Any, topic: str, now_ns: int) -> None:
         """Take a map in place of the one before.
 
         Args:
             message: octomap_msgs/Octomap.
             topic: it came on.
-            now_ns: time of a map whose stamp is 0, as in planning scenes.
-            origin: geometry_msgs/Pose of the map in its frame, None for the identity.
+            now_ns: time of a map whose stamp is 0.
         """
-        try:
-            stamp = stamp_ns(message)
-        except CaptureError:
-            stamp = 0
-        self._held = _Held(message, origin, stamp or now_ns, topic)
+        self._hold(message, message, None, topic, now_ns)
 
     def put_scene(self, message: Any, topic: str, now_ns: int) -> None:
         """Take the map out of a planning scene; most updates hold none.
 
         Args:
-            message: moveit_msgs/PlanningScene.
+            message: moveit_msgs/PlanningScene; its map has frame and origin beside it.
             topic: it came on.
-            now_ns: time of a map whose stamp is 0.
+            now_ns: time of a map whose stamp is 0, as MoveIt leaves it.
         """
         found = message.world.octomap
         if len(found.octomap.data):
-            self.put(found.octomap, topic, now_ns, found.origin)
+            self._hold(found.octomap, found, found.origin, topic, now_ns)
+
+    def _hold(self, message: Any, stamped: Any, origin: Any, topic: str, now_ns: int) -> None:
+        try:
+            stamp = stamp_ns(stamped)
+        except CaptureError:
+            stamp = 0
+        frame = str(stamped.header.frame_id).lstrip("/")
+        self._held = _Held(message, frame, origin, stamp or now_ns, topic)
 
     def cells(
         self,
@@ -114,7 +118,7 @@ class Maps:
         self, held: _Held, stamp: int, transforms: TransformBuffer, node_config: NodeConfig
     ) -> None:
         """An OctoMap's cells lie along its own axes, so its frame must be the base's."""
-        frame, base_frame = str(held.message.header.frame_id), node_config.base_frame
+        frame, base_frame = held.frame, node_config.base_frame
         if not frame:
             raise Failure(Status.BAD_MAP, f"map on {held.topic} has no frame_id; valid: a frame")
         off = np.zeros(1)

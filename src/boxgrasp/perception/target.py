@@ -124,7 +124,8 @@ def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
         raise TargetError("target point is not numeric; valid: x, y, z in meters") from None
     if place.shape != (3,) or not np.isfinite(place).all():
         raise TargetError("target point is not three finite numbers; valid: x, y, z in meters")
-    away = np.linalg.norm(scene.points - place, axis=1)
+    with np.errstate(over="ignore"):  # a place beyond all numbers is far away
+        away = np.linalg.norm(scene.points - place, axis=1)
     away[scene.object_numbers == 0] = np.inf
     nearest = int(np.argmin(away))
     if away[nearest] > _POINT_REACH_M:
