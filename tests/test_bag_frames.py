@@ -227,6 +227,16 @@ def test_clouds_and_views_without_camera_info_are_given_too(tmp_path):
     assert not depth.is_cloud and depth.info is None and depth.transforms == ()
 
 
+def test_without_a_topic_the_one_of_load_capture_is_read(tmp_path):
+    path = depth_bag("mcap", SEEN).write(tmp_path)  # its first image is a color image
+    frames = list(read_frames(path))
+    assert [frame.topic for frame in frames] == ["/camera/depth/image_raw"] * 3
+    (tmp_path / "none").mkdir()
+    empty = BagMaker("mcap").image("/color", 1.0, SEEN.rgb, "rgb8").write(tmp_path / "none")
+    with pytest.raises(CaptureError, match="/color: "):
+        next(read_frames(empty))
+
+
 def test_what_is_no_bag_is_refused(tmp_path):
     path = depth_bag("mcap", SEEN).write(tmp_path)
     with pytest.raises(CaptureError, match="/nowhere.*valid: /camera"):

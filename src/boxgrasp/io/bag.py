@@ -178,20 +178,20 @@ def load_bag(
         return _capture(bag, how, topic, stamp)
 
 
-def read_frames(path: str | os.PathLike[str], topic: str) -> Iterator[BagFrame]:
+def read_frames(path: str | os.PathLike[str], topic: str | None = None) -> Iterator[BagFrame]:
     """The views of one topic of a bag, in the order in which they were recorded.
 
     The bag is read once from its start, and held for a few seconds round each view.
 
     Args:
         path: a .bag, .db3 or .mcap file, or a ROS 2 bag's folder.
-        topic: of clouds or depth images.
+        topic: of clouds or depth images; None for that which `load_capture` takes.
 
     Yields:
         Each view, with the very messages that `load_capture` would take with it.
 
     Raises:
-        CaptureError: damaged, or no such topic; names the path.
+        CaptureError: damaged, no such topic, or none with a usable view; names the path.
         MissingExtraError: rosbags is not installed.
     """
     place = Path(path)
@@ -199,7 +199,10 @@ def read_frames(path: str | os.PathLike[str], topic: str) -> Iterator[BagFrame]:
         if not place.exists():
             raise CaptureError("no such file or folder; valid: a bag")
         with _opened(place) as bag:
-            bag.validate_topic(topic)
+            if topic is not None:
+                bag.validate_topic(topic)
+            else:
+                topic = _first_usable(bag, _How("optical", None), None)[0].topic
             yield from _frames(bag, topic)
 
 
@@ -239,24 +242,24 @@ def _opened(path: Path) -> Iterator[_Bag]:
 
 
 def _capture(bag: _Bag, how: _How, topic: str | None, stamp: float | None) -> Capture:
-    usable = bag.usable
     if topic is not None:
         bag.validate_topic(topic)
         if stamp is not None:
             return _nearest_capture(bag, topic, how, stamp)
-    reason, tries = "", Counter[str]()
+    message, capture = _first_usable(bag, how, topic)
+    return capture if stamp is None else _nearest_capture(bag, message.topic, how, stamp)
+
+
+def _first_usable(bag: _Bag, how: _How, topic: str | None) -> tuple[_Message, Capture]:
+    usable, reason, tries = bag.usable, "", Counter[str]()
     for message in bag.read(usable if topic is None else [topic], None):
         if tries[message.topic] == _TRIES:
             continue
         try:
-            capture = _capture_of(bag, message, how)
+            return message, _capture_of(bag, message, how)
         except CaptureError as error:
             tries[message.topic] += 1
             reason = reason or f"{message.topic}: {error}"
-            continue
-        if stamp is None:
-            return capture
-        return _nearest_capture(bag, message.topic, how, stamp)
     listed = ", ".join(usable) or _NO_VIEW
     raise CaptureError(reason or f"bag has no message to use; topics: {listed}")
 
