@@ -43,9 +43,10 @@ def arm_from_camera() -> np.ndarray:
 
 @cache
 def cast_view(number: int) -> Capture:
-    """The demo's table from where the camera is at a frame's time, with noise."""
-    T = arm_pose(START_S + EVERY_S * number) @ arm_from_camera()
-    scene = dataclasses.replace(demo_scene(), T_base_camera=T)
+    """The demo's table from where the camera is at a frame's time, with noise; it zooms in."""
+    T, zoom = arm_pose(START_S + EVERY_S * number) @ arm_from_camera(), 1 + 0.005 * number
+    K = demo_scene().intrinsics * [[zoom], [zoom], [1]]
+    scene = dataclasses.replace(demo_scene(), T_base_camera=T, intrinsics=K)
     return to_capture(scene, np.random.default_rng(number))[0]
 
 

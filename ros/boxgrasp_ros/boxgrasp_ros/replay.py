@@ -52,7 +52,9 @@ _TF: Final = QoSProfile(depth=100)
 _LATCHED: Final = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PER_MESSAGE: Final = 1000  # transforms: so many messages that none leaves the node's queue unread
 _FIRST_CALL_S: Final = 2.0  # after which a call is taken as lost; twice as long the next time
-_ACKED_S: Final = 5.0  # how long a color image may take: what was lost is sent again in 3 s
+_ACKED_S: Final = 5.0  # how long a message may take: what was lost is sent again within 3 s
+_VIEW_ACKED_S: Final = 0.1  # for a view no longer: a lost one is seen by the answer
+_SETTLE_S: Final = 0.02  # for small messages, which a burst of large ones can push out
 _CLOCK_S: Final = 2.0  # how much later than its other topics the node's /clock may be seen
 _POLL_S: Final = 0.02
 _PAUSE_S: Final = 0.2  # before a busy node is asked again
@@ -127,6 +129,7 @@ class _Player:
         self._cdr = _Cdr()
         self._publishers: dict[str, Publisher] = {}
         self._is_first, self._loses = True, False
+        self._camera: tuple[Any, ...] = ()
 
     def connect(self, frames: Iterable[BagFrame]) -> None:
         """Wait for the node's service and for its subscriptions to what these frames hold."""
@@ -156,7 +159,7 @@ class _Player:
         for number in range(1, sys.maxsize):
             if (left := end - time.monotonic()) <= 0:
                 break
-            self._publish(frame, following)
+            self._publish(frame, following, again=number > 1)
             reply = self._call(request, min(patience_s, left))
             if reply is None:
                 patience_s *= 2
@@ -186,30 +189,38 @@ class _Player:
         # Until the first answer the node may hold a view of another time, on which it failed.
         return 2 if self._is_first else 1
 
-    def _publish(self, frame: BagFrame, following: BagFrame | None) -> None:
+    def _publish(self, frame: BagFrame, following: BagFrame | None, again: bool) -> None:
         """Publish a frame, the view last.
 
         With it goes the color image of the frame that follows: a node waits for one that is not
-        older than the view, since that may be nearer. Color must have arrived: without it there
-        would be an answer too, another one.
+        older than the view, since that may be nearer. Color, and a camera that has changed, must
+        have arrived: without them there would be an answer too, another one.
         """
+        colors = [f.color for f in (frame, following) if f is not None and f.color is not None]
+        self._send(_COLOR, map(self._cdr.of, colors), _ACKED_S)
         self._send(_CLOCK, [Clock(clock=Time(nanoseconds=frame.stamp_ns).to_msg())])
+        late_s = _ACKED_S if again else 0.0
         for sink, is_static in ((_STATIC, True), (_DYNAMIC, False)):
             told = (t for m, s in frame.transforms if s == is_static for t in m.transforms)
-            self._send(sink, self._cdr.of_transforms(told))
+            self._send(sink, self._cdr.of_transforms(told), late_s)
         if frame.info is not None:
-            self._send(_INFO, [self._cdr.of(frame.info)])
-        colors = [f.color for f in (frame, following) if f is not None and f.color is not None]
-        self._send(_COLOR, map(self._cdr.of, colors))
-        if colors:
-            self._publishers[_COLOR.topic].wait_for_all_acked(Duration(seconds=_ACKED_S))
-        self._send(_VIEWS[frame.message.__msgtype__], [self._cdr.of(frame.message)])
+            camera = _camera_of(frame.info)
+            is_known, self._camera = camera == self._camera, camera
+            self._send(_INFO, [self._cdr.of(frame.info)], late_s if is_known else _ACKED_S)
+        time.sleep(_SETTLE_S)
+        view = _VIEWS[frame.message.__msgtype__]
+        self._send(view, [self._cdr.of(frame.message)], _VIEW_ACKED_S)
 
-    def _send(self, sink: _Sink, messages: Iterable[Any]) -> None:
+    def _send(self, sink: _Sink, messages: Iterable[Any], acked_s: float = 0.0) -> None:
+        """Publish on a topic, and wait until what was published there has arrived."""
+        sent = False
         for message in messages:
             if sink.topic not in self._publishers:
                 self._open([sink])
             self._publishers[sink.topic].publish(message)
+            sent = True
+        if sent and acked_s > 0:
+            self._publishers[sink.topic].wait_for_all_acked(Duration(seconds=acked_s))
 
     def _open(self, sinks: Iterable[_Sink]) -> None:
         """Make publishers, and wait until the node has found them."""
@@ -267,6 +278,12 @@ class _Player:
             return future.result()
         self._client.remove_pending_request(future)
         return None
+
+
+def _camera_of(info: Any) -> tuple[Any, ...]:
+    """What a CameraInfo says of the camera; ROS 1 has the matrices in capitals."""
+    lists = [getattr(info, n.upper() if hasattr(info, n.upper()) else n) for n in "dkrp"]
+    return (info.width, info.height, *(tuple(values) for values in lists))
 
 
 def _wait_until(done: Callable[[], bool], seconds: float, what: str) -> None:
