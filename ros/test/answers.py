@@ -40,9 +40,8 @@ def cast(target: tuple[Any, ...], *obstacles: tuple[Any, ...]) -> Capture:
 def answer_to(capture: Capture, target: Target | None = None, ranker: str = "clearance") -> Answer:
     """An answer with what it rests on."""
     selector = GraspSelector({"ranker": ranker})
-    sizes = selector.ranker.map_resolutions_m
-    analysis = selector.analyze(capture, target, map_resolutions_m=sizes)
-    return analysis, selector.select(capture, target)
+    analysis = selector.analyze(capture, target)
+    return analysis, selector.choose(analysis)
 
 
 @cache

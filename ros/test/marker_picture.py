@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker
 
 from boxgrasp.arrays import Floats
 from boxgrasp.draw.shapes import corners
+from boxgrasp.geometry.transforms import rotation_of
 
 BACKGROUND = (48, 48, 48)  # RViz's own
 SIZE = (1280, 960)
@@ -188,13 +189,8 @@ def _rgba(of: Any) -> tuple[int, ...]:
 
 def _matrix(pose: Any) -> Floats:
     q = pose.orientation
-    x, y, z, w = q.x, q.y, q.z, q.w
     T = np.eye(4)
-    T[:3, :3] = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
+    T[:3, :3] = rotation_of((q.x, q.y, q.z, q.w))
     T[:3, 3] = _xyz(pose.position)
     return T
 
@@ -219,11 +215,10 @@ def main(arguments: Iterable[str] | None = None) -> None:
         target = Target(pixel=told.pixel and tuple(told.pixel), object=told.object)
     selector = GraspSelector({"ranker": told.ranker})
     capture = load_capture(told.capture, cloud_frame=told.cloud_frame)
-    analysis = selector.analyze(
-        capture, target, map_resolutions_m=selector.ranker.map_resolutions_m
+    analysis = selector.analyze(capture, target)
+    picture(marker_array(analysis, selector.choose(analysis), Header(frame_id="base_link"))).save(
+        told.out
     )
-    selection = selector.select(capture, target)
-    picture(marker_array(analysis, selection, Header(frame_id="base_link"))).save(told.out)
 
 
 if __name__ == "__main__":

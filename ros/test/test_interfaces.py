@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from boxgrasp_ros.interfaces import ANSWERED, HEARD, TOLD, Interface
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from readme_tables import README, refreshed
 from rig import Rig
@@ -48,6 +49,18 @@ def test_topics_are_those_of_the_tables(make_node: Callable[..., Any]) -> None:
         if item.topic_name not in ROS
     }
     assert published == told(TOLD)
+
+
+def test_a_topics_qos_is_overridden_alone(make_node: Callable[..., Any]) -> None:
+    from boxgrasp_ros.grasp_selector import GraspSelectorNode
+
+    given = [Parameter("qos_overrides./depth.subscription.reliability", value="reliable")]
+    node = make_node(
+        "", lambda _, **options: GraspSelectorNode(**options), parameter_overrides=given
+    )
+    found = {item.topic_name: in_words(item.qos_profile) for item in node.subscriptions}
+    assert found["/depth"] == "reliable, 5"
+    assert found["/cloud"] == found["/color"] == "best effort, 5"
 
 
 def test_services_and_the_action_are_those_of_the_table(make_node: Callable[..., Any]) -> None:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from copy import copy
 from typing import Any, Final
 
 import rclpy
@@ -122,7 +123,7 @@ class GraspSelectorNode(Node):
                 kind,
                 topic,
                 take,
-                qos,
+                copy(qos),  # overrides are written into it
                 callback_group=group,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
