@@ -206,7 +206,7 @@ def test_ros_page_code_runs() -> None:
             translation=SimpleNamespace(**place), rotation=SimpleNamespace(x=x, y=y, z=z, w=w)
         ),
     )
-    buffer = names["buffer"]
+    buffer = names["transforms"]
     assert isinstance(buffer, TransformBuffer)
     buffer.add(SimpleNamespace(transforms=[mounted]), True)
     T_base_camera = buffer.lookup("base_link", "camera_optical_frame", 0)
@@ -219,12 +219,12 @@ def test_ros_page_code_runs() -> None:
         names["selector"] = selector
         assert isinstance(selector, GraspSelector)
         known = selector.select(same, Target(pixel=pixel))
-        answer = names["on_request"](depth, info, pixel)  # type: ignore[operator]
+        answer = names["on_request"](depth, info, None, pixel)  # type: ignore[operator]
         if known.refusal is not None:
             assert answer == known.refusal.message
         else:
             poses = [candidate.T_base_gripper for candidate in known.passing]
             np.testing.assert_array_equal(answer, poses)
     assert known.status == "grasp"
-    refused = names["on_request"](depth, info, (9999, 5))  # type: ignore[operator]
+    refused = names["on_request"](depth, info, None, (9999, 5))  # type: ignore[operator]
     assert isinstance(refused, str) and "valid" in refused

@@ -12,11 +12,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "ros" / "test"))
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
 
 import rclpy  # noqa: E402
+import setup_env  # noqa: E402
+from domains import free_domain  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+
+DOMAIN, _HELD = free_domain()  # held until the process ends
+os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
+if Path(sys.prefix).resolve() == setup_env.ENV:
+    setup_env.refresh_packages()  # what is measured is what the sources say
 
 
 @contextmanager

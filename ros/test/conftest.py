@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
-import itertools
 import os
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +11,7 @@ from typing import Any
 
 import pytest
 import setup_env
+from domains import free_domain
 
 try:
     import rclpy
@@ -23,9 +21,6 @@ except ImportError as error:  # told by pytest_sessionstart: a skip would pass u
     NO_ROS: str | None = str(error)
 else:
     NO_ROS = None
-
-# Above 101 a participant's ports lie where the system hands out its own.
-DOMAINS = range(1, 102)
 
 # Left from the shell, they would let tests reach the network, or another middleware's settings.
 FOREIGN = (
@@ -67,31 +62,10 @@ def log_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-_turns = itertools.count(os.getpid())
-
-
-def _free_domain() -> tuple[int, int]:
-    """A domain that no other run on this machine holds, and the file that holds it."""
-    for _ in DOMAINS:
-        domain = DOMAINS[next(_turns) % len(DOMAINS)]
-        name = f"boxgrasp-ros-domain-{domain}.lock"
-        try:
-            held = os.open(Path(tempfile.gettempdir(), name), os.O_CREAT | os.O_RDWR, 0o666)
-        except PermissionError:  # another user's
-            continue
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(held)
-        else:
-            return domain, held
-    raise RuntimeError("every ROS domain is held by another run of these tests")
-
-
 @pytest.fixture
 def domain_id() -> Iterator[int]:
     """A ROS domain for this test alone."""
-    domain, held = _free_domain()
+    domain, held = free_domain()
     yield domain
     os.close(held)
 
@@ -99,7 +73,7 @@ def domain_id() -> Iterator[int]:
 @pytest.fixture
 def other_domain_id() -> Iterator[int]:
     """Another one, which the test's context does not hear."""
-    domain, held = _free_domain()
+    domain, held = free_domain()
     yield domain
     os.close(held)
 

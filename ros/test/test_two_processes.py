@@ -162,7 +162,7 @@ def test_a_real_capture_in_two_processes(
     found = wait_for(handle.get_result_async()).result
     assert found.status.code == 0, found.status.message
     assert_same_grasp(found.selection, offline)
-    wait_until(lambda: "answer" in stages)
+    assert stages[:2] == ["view", "scene"]  # the last may come after the news of the goal's end
 
     markers: list[Any] = []
     client.create_subscription(MarkerArray, "/chooser/markers", markers.append, STATIC)

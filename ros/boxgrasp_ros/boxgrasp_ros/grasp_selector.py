@@ -51,6 +51,7 @@ RELIABLE: Final = QoSProfile(depth=10)
 _TF: Final = QoSProfile(depth=100)
 _TF_STATIC: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _DIAGNOSTICS_S: Final = 1.0
+_RESULT_S: Final = 30  # how long a client may take to ask for its goal's result
 _POLL_S: Final = 0.05  # how soon a request that waits for its turn sees that it was cancelled
 _SPARE_THREADS: Final = 3  # for messages, while as many requests wait as may
 _MOST_TOLD: Final = 200  # sentences that are remembered, so that each is logged once
@@ -254,6 +255,7 @@ class GraspSelectorNode(Node):
             execute_callback=self._on_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=group,
+            result_timeout=_RESULT_S,
         )
 
     def _on_select(
@@ -276,6 +278,8 @@ class GraspSelectorNode(Node):
             goal.publish_feedback(action.SelectGrasp.Feedback(stage=stage, elapsed_ms=elapsed_ms))
 
         self._fill(result, lambda: self._select(goal.request, on_stage, go_on))
+        # The server keeps the goal beside its result; its images would be megabytes.
+        goal.request.view, goal.request.target = own.View(), own.Target()
         if goal.is_cancel_requested and result.status.code == Status.CANCELLED:
             goal.canceled()
         elif result.status.code == Status.SUCCEEDED:
