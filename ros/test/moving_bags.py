@@ -30,9 +30,9 @@ _TF_EVERY_S, _TF_LATER_S = 0.07, 0.01
 def arm_pose(stamp: float) -> np.ndarray:
     """T_base_arm: on a line, turning steadily about z, so that interpolation is exact."""
     t = stamp - START_S
-    c, s = np.cos(0.15 * t), np.sin(0.15 * t)
+    c, s = np.cos(0.05 * t), np.sin(0.05 * t)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return make_transform(turn, np.array([0.02 * t, 0.05 * t, -0.03 * t]))
+    return make_transform(turn, np.array([0.02 * t, 0.03 * t, -0.03 * t]))
 
 
 @cache
@@ -43,8 +43,8 @@ def arm_from_camera() -> np.ndarray:
 
 @cache
 def cast_view(number: int) -> Capture:
-    """The demo's table from where the camera is at a frame's time, with noise; it zooms in."""
-    T, zoom = arm_pose(START_S + EVERY_S * number) @ arm_from_camera(), 1 + 0.005 * number
+    """The demo's table from where the camera is at a frame's time, with noise; it zooms."""
+    T, zoom = arm_pose(START_S + EVERY_S * number) @ arm_from_camera(), 1 + 0.01 * (number // 3)
     K = demo_scene().intrinsics * [[zoom], [zoom], [1]]
     scene = dataclasses.replace(demo_scene(), T_base_camera=T, intrinsics=K)
     return to_capture(scene, np.random.default_rng(number))[0]

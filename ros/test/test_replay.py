@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from boxgrasp_msgs.msg import Target
+from boxgrasp_msgs.srv import SelectGrasp
 from boxgrasp_ros import replay
 from boxgrasp_ros.grasp_selector import LATCHED
 from moving_bags import (
@@ -131,17 +132,17 @@ def test_live_answers_are_the_offline_ones(
         (("--mask", tmp_path / "mask.png"), LibraryTarget(mask=mask)),
     ):
         status, told, said = replayed(
-            run, bag, "--topic", DEPTH, *words, "--frames", 1, "--json", "--base-frame", BASE
+            run, bag, "--topic", CLOUD, *words, "--frames", 1, "--json", "--base-frame", BASE
         )
         assert (status, said) == (0, []), words
-        assert_offline_answers(told, bag, DEPTH, target, frames=1)
+        assert_offline_answers(told, bag, CLOUD, target, frames=1)
 
     old = cast_bag("ros1", tmp_path / "old", 2)
     status, told, _ = replayed(run, old, *POINT, "--json")  # the only topic of views
     assert status == 0
     assert_offline_answers(told, old, DEPTH, by_point, frames=2)
 
-    status, told, said = replayed(run, bag, "--topic", DEPTH, "--frames", 1, "--json")
+    status, told, said = replayed(run, bag, "--topic", CLOUD, "--frames", 1, "--json")
     assert status == 2 and len(said) == 1 and "no target" in said[0]
     error = json.loads(told[0])
     assert list(error) == ["capture", "error"] and "no target" in error["error"]
@@ -153,11 +154,13 @@ def test_live_answers_are_the_offline_ones(
     place.x, place.y, place.z = TARGET_POINT
     latched.publish(message)
     time.sleep(0.2)
-    status, told, said = replayed(run, bag, "--topic", DEPTH, "--frames", 1)
+    status, told, said = replayed(run, bag, "--topic", CLOUD, "--frames", 1)
     assert (status, said, len(told)) == (0, [], 1)
     assert told[0].startswith(f"{bag}#100.000000000: grasp: ") and "opening" in told[0]
 
-    status, told, said = replayed(run, bag, *POINT, "--frames", 1, "--base-frame", "map")
+    status, told, said = replayed(
+        run, bag, "--topic", CLOUD, *POINT, "--frames", 1, "--base-frame", "map"
+    )
     assert status == 2 and told == [] and len(said) == 1 and "'base_link'" in said[0]
 
 
@@ -181,13 +184,13 @@ def test_a_frame_without_a_pose_does_not_stop_the_others(run: Run, tmp_path: Pat
     assert plain(answer) == json.loads(json.dumps(plain(expected)))
 
 
-def test_best_effort_is_told_and_made_up_for(run: Run, bag: Path) -> None:
+def test_best_effort_is_told_and_views_are_sent_again(run: Run, bag: Path) -> None:
     start_node(run, reliable=False)
-    words = ("--topic", CLOUD, *POINT, "--json", "--frames", 2, "--timeout", 60)
+    words = ("--topic", PACKED, *POINT, "--json", "--frames", 2, "--timeout", 60)
     status, told, said = replayed(run, bag, *words)
-    assert status == 0, said
-    assert len(said) == 1 and "best effort" in said[0] and "qos_overrides./cloud." in said[0]
-    assert_offline_answers(told, bag, CLOUD, LibraryTarget(point=TARGET_POINT), frames=2)
+    assert (status, len(told)) == (0, 2), said
+    assert len(said) == 1 and "best effort" in said[0]
+    assert "qos_overrides./compressed_depth.subscription.reliability:=reliable" in said[0]
 
 
 def test_names_can_be_others(run: Run, bag: Path) -> None:
@@ -206,6 +209,14 @@ def test_names_can_be_others(run: Run, bag: Path) -> None:
     assert (status, told) == (2, []) and len(said) == 1 and "/depth" in said[0]
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=5) == 0
+
+
+def test_two_nodes_of_a_name_are_told(run: Run, bag: Path, make_node: Callable[..., Node]) -> None:
+    node = make_node("another")
+    for _ in range(2):
+        node.create_service(SelectGrasp, "/grasp_selector/select", lambda _, reply: reply)
+    status, told, said = replayed(run, bag, *POINT)
+    assert (status, told, len(said)) == (2, [], 1) and "2 nodes" in said[0]
 
 
 def test_a_node_without_sim_time_is_told(run: Run, bag: Path) -> None:

@@ -14,7 +14,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice, pairwise
@@ -58,7 +58,6 @@ _SETTLE_S: Final = 0.02  # for small messages, which a burst of large ones can p
 _CLOCK_S: Final = 2.0  # how much later than its other topics the node's /clock may be seen
 _POLL_S: Final = 0.02
 _PAUSE_S: Final = 0.2  # before a busy node is asked again
-_TRIES: Final = 3
 _TF_KIND: Final = "tf2_msgs/msg/TFMessage"
 _TF_DEFINITION: Final = "geometry_msgs/TransformStamped[] transforms"
 
@@ -137,6 +136,8 @@ class _Player:
         _wait_until(
             self._client.service_is_ready, self._timeout_s, f"nobody offers the service {name}"
         )
+        if (offers := self._node.count_services(name)) > 1:
+            raise _Unusable(f"{offers} nodes offer the service {name}; valid: one")
         found = list(frames)
         sinks = [_VIEWS[frame.message.__msgtype__] for frame in found]
         sinks += [_INFO for frame in found if frame.info is not None]
@@ -183,11 +184,10 @@ class _Player:
     def _tries(self, code: int) -> float:
         """How often a frame is sent before a failure is believed."""
         if code in _NO_VIEW:
-            return math.inf if self._loses else _TRIES
-        if code in _NO_POSE:
-            return _TRIES
-        # Until the first answer the node may hold a view of another time, on which it failed.
-        return 2 if self._is_first else 1
+            return math.inf if self._loses else 3
+        # Transforms are known to have arrived the second time; and until the first answer the node
+        # may hold a view of another time, on which it failed.
+        return 2 if code in _NO_POSE or self._is_first else 1
 
     def _publish(self, frame: BagFrame, following: BagFrame | None, again: bool) -> None:
         """Publish a frame, the view last.
@@ -197,30 +197,36 @@ class _Player:
         have arrived: without them there would be an answer too, another one.
         """
         colors = [f.color for f in (frame, following) if f is not None and f.color is not None]
-        self._send(_COLOR, map(self._cdr.of, colors), _ACKED_S)
+        self._send(_COLOR, map(self._cdr.of, colors))
+        self._await({_COLOR: bool(colors)})  # before what is small
         self._send(_CLOCK, [Clock(clock=Time(nanoseconds=frame.stamp_ns).to_msg())])
-        late_s = _ACKED_S if again else 0.0
         for sink, is_static in ((_STATIC, True), (_DYNAMIC, False)):
             told = (t for m, s in frame.transforms if s == is_static for t in m.transforms)
-            self._send(sink, self._cdr.of_transforms(told), late_s)
+            self._send(sink, self._cdr.of_transforms(told))
+        has_changed = False
         if frame.info is not None:
             camera = _camera_of(frame.info)
-            is_known, self._camera = camera == self._camera, camera
-            self._send(_INFO, [self._cdr.of(frame.info)], late_s if is_known else _ACKED_S)
+            has_changed, self._camera = camera != self._camera, camera
+            self._send(_INFO, [self._cdr.of(frame.info)])
         time.sleep(_SETTLE_S)
+        has_info = frame.info is not None and (has_changed or again)
+        self._await({_STATIC: again, _DYNAMIC: again, _INFO: has_info})
         view = _VIEWS[frame.message.__msgtype__]
-        self._send(view, [self._cdr.of(frame.message)], _VIEW_ACKED_S)
+        self._send(view, [self._cdr.of(frame.message)])
+        self._await({view: True}, _VIEW_ACKED_S)
 
-    def _send(self, sink: _Sink, messages: Iterable[Any], acked_s: float = 0.0) -> None:
-        """Publish on a topic, and wait until what was published there has arrived."""
-        sent = False
+    def _send(self, sink: _Sink, messages: Iterable[Any]) -> None:
         for message in messages:
             if sink.topic not in self._publishers:
                 self._open([sink])
             self._publishers[sink.topic].publish(message)
-            sent = True
-        if sent and acked_s > 0:
-            self._publishers[sink.topic].wait_for_all_acked(Duration(seconds=acked_s))
+
+    def _await(self, wanted: Mapping[_Sink, bool], seconds: float = _ACKED_S) -> None:
+        """Wait until what was published on some topics has arrived, or for some seconds."""
+        end = time.monotonic() + seconds
+        for sink, is_wanted in wanted.items():
+            if is_wanted and (left := end - time.monotonic()) > 0:
+                self._publishers[sink.topic].wait_for_all_acked(Duration(seconds=left))
 
     def _open(self, sinks: Iterable[_Sink]) -> None:
         """Make publishers, and wait until the node has found them."""
