@@ -233,6 +233,20 @@ def test_a_wrong_parameter_ends_the_start_in_one_line(
     assert len([line for line in told.splitlines() if line.startswith("grasp_selector:")]) == 1
 
 
+def test_a_file_or_argument_that_ros_refuses_ends_the_start_in_one_line(
+    start: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("grasp_selector: {ros__parameters: {views: [1, two, [3]]}}")
+    for given in (("--params-file", str(broken)), ("--no-such-argument",)):
+        process = start(*given)
+        told, _ = process.communicate(timeout=60)
+        assert process.returncode == 2, told
+        assert "Traceback" not in told
+        lines = [line for line in told.splitlines() if line.startswith("grasp_selector:")]
+        assert len(lines) == 1
+
+
 def test_an_interrupt_while_it_waits_ends_it_at_once(
     start: Callable[..., subprocess.Popen[str]], make_node: Callable[..., Node]
 ) -> None:

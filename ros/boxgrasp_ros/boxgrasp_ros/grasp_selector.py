@@ -22,6 +22,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -58,6 +59,8 @@ _SPARE_THREADS: Final = 3  # for messages, while as many requests wait as may
 _MOST_TOLD: Final = 200  # sentences that are remembered, so that each is logged once
 
 GoOn = Callable[[], None]
+RCLError: Final = rclpy_implementation.RCLError
+UnknownROSArgsError: Final = rclpy_implementation.UnknownROSArgsError
 
 
 class GraspSelectorNode(Node):
@@ -449,7 +452,7 @@ def main(args: list[str] | None = None) -> int:
         args: of ROS; None for those of the process.
 
     Returns:
-        Exit status: 0 after an interrupt, 2 where a parameter is wrong.
+        Exit status: 0 after an interrupt, 2 where a parameter or an argument is wrong.
     """
     node: GraspSelectorNode | None = None
     try:
@@ -460,8 +463,9 @@ def main(args: list[str] | None = None) -> int:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except BoxgraspError as error:
-        print(f"grasp_selector: {error}", file=sys.stderr)  # noqa: T201
+    except (BoxgraspError, RCLError, UnknownROSArgsError) as error:
+        line = " ".join(str(error).split())
+        print(f"grasp_selector: {line}", file=sys.stderr)  # noqa: T201
         return 2
     finally:
         if node is not None:

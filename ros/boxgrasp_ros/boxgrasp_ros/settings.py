@@ -31,7 +31,13 @@ Wait = Annotated[float, Meta(ge=0.0, le=60.0)]
 
 HAND: Final = "the hand is fixed while the node runs: restart with the new one"
 FRAMES: Final = "poses kept in the old frame would be mixed: restart with the new one"
-FIXED: Final = {"gripper": HAND, "base_frame": FRAMES, "camera_frame": FRAMES}
+THREADS: Final = "the threads that wait are made at the start: restart with the new number"
+FIXED: Final = {
+    "gripper": HAND,
+    "base_frame": FRAMES,
+    "camera_frame": FRAMES,
+    "max_waiting": THREADS,
+}
 
 # Another name is taken for a slip where it is as near as this to one of ours (difflib's ratio).
 _CLOSE = 0.85
