@@ -17,6 +17,7 @@ from boxgrasp_msgs.msg import Status
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
 from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -459,6 +460,9 @@ def main(args: list[str] | None = None) -> int:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:  # the signal came between two steps of the executor
+        if rclpy.ok():
+            raise
     except BoxgraspError as error:
         print(f"grasp_selector: {error}", file=sys.stderr)  # noqa: T201
         return 2
