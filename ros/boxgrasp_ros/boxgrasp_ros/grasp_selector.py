@@ -464,9 +464,10 @@ def main(args: list[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (BoxgraspError, RCLError, UnknownROSArgsError) as error:
-        line = " ".join(str(error).split())
-        print(f"grasp_selector: {line}", file=sys.stderr)  # noqa: T201
-        return 2
+        if node is None or rclpy.ok():  # else the signal came between two steps of the executor
+            line = " ".join(str(error).split())
+            print(f"grasp_selector: {line}", file=sys.stderr)  # noqa: T201
+            return 2
     finally:
         if node is not None:
             node.destroy_node()
