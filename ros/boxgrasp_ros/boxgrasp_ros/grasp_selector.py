@@ -77,8 +77,8 @@ class GraspSelectorNode(Node):
             BoxgraspError: as `GraspSelector`.
         """
         super().__init__("grasp_selector", **options)
-        self._config, self._node_config = parameters.declare(self)
-        self._selector = GraspSelector(self._config)
+        config, self._node_config = parameters.declare(self)
+        self._selector = GraspSelector(config)
         self._selector.warm_up()
         self._transforms = TransformBuffer()
         self._inbox, self._maps = Inbox(), Maps()
@@ -342,7 +342,8 @@ class GraspSelectorNode(Node):
         self, request: Any, on_stage: Callable[[str], None], go_on: GoOn
     ) -> own.GraspSelection:
         with self._one_at_a_time(go_on):
-            selector, config, node_config = self._selector, self._config, self._node_config
+            # Parameters may be set meanwhile; this request keeps those it began with.
+            selector, node_config = self._selector, self._node_config
             seen = self._view(request.view, go_on)
             message = request.target
             if message.kind == own.Target.NONE:
@@ -354,7 +355,9 @@ class GraspSelectorNode(Node):
             target = target_of(message, seen.stamp_ns, self._transforms, node_config)
             octomap = None
             if node_config.use_octomap:
-                octomap = self._maps.cells(seen.stamp_ns, self._transforms, config, node_config)
+                octomap = self._maps.cells(
+                    seen.stamp_ns, self._transforms, selector.config, node_config
+                )
             on_stage("view")
             scans = self._earlier.scans(seen, node_config)
             analysis = selector.analyze(seen.capture, target, scans, octomap, on_stage=on_stage)
@@ -422,11 +425,10 @@ class GraspSelectorNode(Node):
 
     def _set_parameters(self, given: list[Parameter]) -> SetParametersResult:
         try:
-            config, node_config = parameters.updated(self._config, self._node_config, given)
-            if config is not self._config:
-                selector = GraspSelector(config)
-                with self._turn:
-                    self._config, self._selector = config, selector
+            before = self._selector.config
+            config, node_config = parameters.updated(before, self._node_config, given)
+            if config is not before:
+                self._selector = GraspSelector(config)
             self._node_config = node_config
         except BoxgraspError as error:
             return SetParametersResult(successful=False, reason=str(error))
