@@ -53,6 +53,7 @@ RELIABLE: Final = QoSProfile(depth=10)
 _TF: Final = QoSProfile(depth=100)
 _TF_STATIC: Final = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _DIAGNOSTICS_S: Final = 1.0
+_SPIN_S: Final = 0.5  # how soon an interrupt is seen at the latest
 _RESULT_S: Final = 30  # how long a client may take to ask for its goal's result
 _POLL_S: Final = 0.05  # how soon a request that waits for its turn sees that it was cancelled
 _SPARE_THREADS: Final = 3  # for messages, while as many requests wait as may
@@ -462,7 +463,8 @@ def main(args: list[str] | None = None) -> int:
         node = GraspSelectorNode()
         executor = MultiThreadedExecutor(node.threads)
         executor.add_node(node)
-        executor.spin()
+        while rclpy.ok():  # a signal beside a wait without end may not be seen
+            executor.spin_once(timeout_sec=_SPIN_S)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (BoxgraspError, RCLError, UnknownROSArgsError) as error:

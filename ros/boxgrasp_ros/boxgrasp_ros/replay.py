@@ -57,6 +57,7 @@ _VIEW_ACKED_S: Final = 0.1  # for a view no longer: a lost one is seen by the an
 _SETTLE_S: Final = 0.02  # for small messages, which a burst of large ones can push out
 _CLOCK_S: Final = 2.0  # how much later than its other topics the node's /clock may be seen
 _POLL_S: Final = 0.02
+_SPIN_S: Final = 0.1  # how soon the executor sees the end
 _PAUSE_S: Final = 0.2  # before a busy node is asked again
 _TF_KIND: Final = "tf2_msgs/msg/TFMessage"
 _TF_DEFINITION: Final = "geometry_msgs/TransformStamped[] transforms"
@@ -466,14 +467,21 @@ def _run(args: argparse.Namespace) -> int:
     node = Node("replay")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, name="executor", daemon=True)
+    stop = threading.Event()
+
+    def spin() -> None:
+        while not stop.is_set():  # a shutdown beside a wait without end may not be seen
+            executor.spin_once(timeout_sec=_SPIN_S)
+
+    thread = threading.Thread(target=spin, name="executor", daemon=True)
     thread.start()
     try:
         player = _Player(node, _full_name(args.node, node), args.timeout)
         return _replay(player, args, _target_of(args))
     finally:
-        executor.shutdown()
+        stop.set()
         thread.join()
+        executor.shutdown()
         node.destroy_node()
 
 
