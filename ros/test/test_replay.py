@@ -44,6 +44,11 @@ POINT = ("--point", *map(str, TARGET_POINT))
 Run = Callable[..., subprocess.Popen[str]]
 
 
+def _hears_interrupts() -> None:
+    """Undo what a shell does to what it starts in the background: ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Frames as clouds, raw and compressed depth."""
@@ -58,6 +63,7 @@ def run(ros_env: dict[str, str]) -> Iterator[Run]:
     def start(module: str, *arguments: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
             [sys.executable, "-m", f"boxgrasp_ros.{module}", *arguments],
+            preexec_fn=_hears_interrupts,
             env=ros_env,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
