@@ -45,7 +45,7 @@ class RawView:
     @property
     def is_cloud(self) -> bool:
         """Whether the view is a PointCloud2."""
-        return hasattr(self.message, "point_step")
+        return _is_cloud(self.message)
 
 
 @dataclass(frozen=True)
@@ -186,20 +186,20 @@ class Inbox:
     def _usable(self, is_fresh: Callable[[int], bool]) -> bool:
         if self._view is None or not is_fresh(self._view[2]):
             return False
-        return hasattr(self._view[0], "point_step") or bool(self._infos)
+        return _is_cloud(self._view[0]) or bool(self._infos)
 
     def _complete(self, view: tuple[Any, str, int], sources: Sources) -> bool:
         """Whether nothing nearer in time can still come of what is published beside the view."""
         message, _, stamp = view
         waited = []
-        if sources.expects_color and not hasattr(message, "point_step"):
+        if sources.expects_color and not _is_cloud(message):
             waited.append(self._colors)
         if sources.expects_robot_mask:
             waited.append(self._robot_masks)
         return all(any(_stamp(item) >= stamp for item in kept) for kept in waited)
 
     def _beside(self, message: Any, topic: str, stamp: int) -> RawView:
-        is_cloud = hasattr(message, "point_step")
+        is_cloud = _is_cloud(message)
         return RawView(
             message=message,
             topic=topic,
@@ -214,7 +214,7 @@ class Inbox:
             topics = ", ".join(sources.views)
             return Failure(Status.NO_VIEW, f"no view came within {wait_s:g} s on any of {topics}")
         message, topic, stamp = self._view
-        if not hasattr(message, "point_step") and not self._infos:
+        if not _is_cloud(message) and not self._infos:
             return Failure(
                 Status.NO_VIEW, f"depth comes on {topic}, but no CameraInfo on {sources.info}"
             )
@@ -223,6 +223,11 @@ class Inbox:
             f"the newest view, on {topic}, is of {stamp / 1e9:.3f} s; valid: not older than the "
             "request's min_stamp and the parameter max_view_age_s allow",
         )
+
+
+def _is_cloud(message: Any) -> bool:
+    """Whether a view is a PointCloud2; the other kinds are images."""
+    return hasattr(message, "point_step")
 
 
 def _nearest(messages: Iterable[T], stamp: int, within_ns: int | None = None) -> T | None:

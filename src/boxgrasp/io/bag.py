@@ -20,7 +20,7 @@ from boxgrasp.arrays import Floats
 from boxgrasp.errors import CaptureError, TransformError
 from boxgrasp.io.fields import frame_id_of
 from boxgrasp.io.frames import TransformBuffer
-from boxgrasp.io.messages import cloud_capture, depth_capture, nearest_color
+from boxgrasp.io.messages import COLOR_NEAR_NS, cloud_capture, depth_capture, nearest_color
 from boxgrasp.io.refusals import refusals_of
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import CloudFrame
@@ -33,7 +33,6 @@ _TF_KINDS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TF_DEFINITION: Final = "geometry_msgs/TransformStamped[] transforms"  # of both
 _TF, _TF_STATIC = "/tf", "/tf_static"
 _NEAR_S: Final = 1.0  # how far from the bag's messages a stamp may lie
-_NEAR_NS: Final = 100_000_000  # between a view and a color image that may be beside it
 _WINDOW_NS: Final = 2_000_000_000  # round a message, in which those beside it were recorded
 _TF_KEPT_NS: Final = 10_000_000_000  # before a view, as long as a TransformBuffer keeps them
 _TRIES: Final = 20  # messages of a topic before it is given up
@@ -407,7 +406,7 @@ class _Beside:
         near = (
             m
             for m in self._images
-            if abs(m.recorded - view.recorded) <= _WINDOW_NS and _apart_ns(m, view) < _NEAR_NS
+            if abs(m.recorded - view.recorded) <= _WINDOW_NS and _apart_ns(m, view) < COLOR_NEAR_NS
         )
         try:
             return nearest_color(self._bag.decoded(near), message)
