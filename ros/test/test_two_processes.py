@@ -29,7 +29,7 @@ from scenes import BASE, camera_info, cloud, color_image, depth_image, transform
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
-from waiting import call, wait_for, wait_until
+from waiting import call, result_of, wait_for, wait_until
 
 from boxgrasp import GraspSelector, load_capture
 from boxgrasp import Target as LibraryTarget
@@ -127,9 +127,11 @@ def test_a_real_capture_in_two_processes(
         "-r", "__node:=chooser", "-r", "cloud:=/camera/points", "-r", "depth:=/camera/depth",
         "-r", "camera_info:=/camera/camera_info", "-r", "color:=/camera/color",
         "-p", f"base_frame:={BASE}", "-p", "max_view_age_s:=60.0", "-p", "wait_for_view_s:=20.0",
-        "-p", "qos_overrides./camera/points.subscription.reliability:=reliable",
-        "-p", "qos_overrides./camera/depth.subscription.reliability:=reliable",
-        "-p", "qos_overrides./camera/color.subscription.reliability:=reliable",
+        *(
+            word
+            for topic in ("points", "depth", "camera_info", "color")  # each is sent once here
+            for word in ("-p", f"qos_overrides./camera/{topic}.subscription.reliability:=reliable")
+        ),
     )  # fmt: skip
     client = make_node("client")
     select = client.create_client(SelectGrasp, "/chooser/select")
@@ -159,7 +161,7 @@ def test_a_real_capture_in_two_processes(
     handle = wait_for(
         action.send_goal_async(goal, feedback_callback=lambda m: stages.append(m.feedback.stage))
     )
-    found = wait_for(handle.get_result_async()).result
+    found = result_of(handle)
     assert found.status.code == 0, found.status.message
     assert_same_grasp(found.selection, offline)
     assert stages[:2] == ["view", "scene"]  # the last may come after the news of the goal's end
@@ -171,7 +173,7 @@ def test_a_real_capture_in_two_processes(
     view.min_stamp.sec += 3600  # a view that does not come
     handle = wait_for(action.send_goal_async(SelectGraspAction.Goal(view=view, target=target)))
     wait_for(handle.cancel_goal_async())
-    assert wait_for(handle.get_result_async(), 5).result.status.code == 9
+    assert result_of(handle).status.code == 9
 
     change = client.create_client(SetParameters, "/chooser/set_parameters")
     request = SetParameters.Request()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from rclpy.action.client import ClientGoalHandle
 from rclpy.client import Client
 from rclpy.task import Future
 
@@ -26,6 +27,17 @@ def wait_for(future: Future, seconds: float = 20.0) -> Any:
     """The result of a future that another thread's executor fulfills."""
     wait_until(future.done, seconds, "the answer")
     return future.result()
+
+
+def result_of(handle: ClientGoalHandle, seconds: float = 40.0) -> Any:
+    """What a goal ends with; asked again as a service is, see `call`."""
+    until = time.monotonic() + seconds
+    while True:
+        try:
+            return wait_for(handle.get_result_async(), min(5.0, seconds)).result
+        except AssertionError:
+            if time.monotonic() > until:
+                raise
 
 
 def call(client: Client, request: Any, seconds: float = 30.0) -> Any:
