@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -11,6 +10,7 @@ from msgspec import Meta
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, GripperError
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.transforms import validate_transform
 
 LEAST_OPENING_M = 0.005  # m: no camera tells a target's sides well enough for a narrower one
