@@ -53,7 +53,7 @@ class Gripper:
     insertion_depth_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.01
     T_gripper_tcp: tuple[Row, Row, Row, Row] = TCP_AT_FINGERTIPS
 
-    RENAMED: ClassVar = {
+    RENAMED: ClassVar[dict[str, str]] = {
         "opening_m": "max_opening_m",
         "reach_past_face_m": "insertion_depth_m",
     }
