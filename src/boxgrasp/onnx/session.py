@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import os
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from os import PathLike, fspath
@@ -127,6 +128,21 @@ def _forget_sessions() -> None:
 drop_in_child(_forget_sessions)
 
 
+def _onnxruntime() -> Any:
+    # From 1.29 on it tells its maker of every session, over the network and by a thread that keeps
+    # a forked child from ending; the variable is read at its import, on Windows it has no effect.
+    silent = os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1") == "1"
+    try:
+        import onnxruntime
+    except ImportError:
+        raise MissingExtraError(
+            "trained models need onnxruntime; install with: pip install onnxruntime"
+        ) from None
+    if silent:
+        onnxruntime.disable_telemetry_events()
+    return onnxruntime
+
+
 def open_session(data: bytes, operators: Collection[str], threads: int = 1) -> Session:
     """What runs a graph; no code of the file is run and no other file opened.
 
@@ -143,12 +159,7 @@ def open_session(data: bytes, operators: Collection[str], threads: int = 1) -> S
         MissingExtraError: onnxruntime is not installed.
     """
     guard.validate_plain(data, operators)
-    try:
-        import onnxruntime as ort
-    except ImportError:
-        raise MissingExtraError(
-            "trained models need onnxruntime; install with: pip install onnxruntime"
-        ) from None
+    ort = _onnxruntime()
     options = ort.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # others need cores
