@@ -65,8 +65,8 @@ def deepened(
     Returns:
         (N, 4) float32 columns as `columns_under`, and (N,) int64 number of each one's object.
     """
-    columns = [np.empty((0, 4), dtype=np.float32)]
-    objects = [np.empty(0, dtype=np.int64)]
+    columns: list[Array] = [np.empty((0, 4), dtype=np.float32)]
+    objects: list[Array] = [np.empty(0, dtype=np.int64)]
     camera = scene.camera_position_m
     if camera is None:
         return columns[0], objects[0]
