@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,7 +59,7 @@ def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> ND
         version = np.lib.format.read_magic(stream)
         if version not in ((1, 0), (2, 0)):
             raise CaptureError(f"{key} is .npy version {version}; valid: 1.0, 2.0")
-        read_header = np.lib.format.read_array_header_1_0
+        read_header: Callable[..., Any] = np.lib.format.read_array_header_1_0
         if version == (2, 0):
             read_header = np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read_header(stream)

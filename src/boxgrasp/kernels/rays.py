@@ -175,7 +175,7 @@ def _walk(
     qx = nx if sx > 0 else -1
     qy = ny if sy > 0 else -1
     qz = nz if sz > 0 else -1
-    tie: float = _TIE * float(length)
+    tie = _TIE * float(length)
     while True:
         x, y, z = cx, cy, cz
         tx, ty, tz = tx0, ty0, tz0
@@ -224,7 +224,7 @@ def _walk(
             sure = sure and ((ex - x) * sx > 0 or (ey - y) * sy > 0 or (ez - z) * sz > 0)
             stepped = True
         else:
-            tie: float = -1.0
+            tie = -1.0
             if 0 <= x < nx and 0 <= y < ny and 0 <= z < nz:
                 free[x, y, z] = 1
         if sure:
@@ -242,10 +242,10 @@ def _walk(
                 return
             while True:
                 if stepped:
-                    nearest: float = min(tx, ty, tz)
+                    nearest = min(tx, ty, tz)
                     if x == ex and y == ey and z == ez:
                         return
-                    if abs(nearest - length) < tie:
+                    if abs(float(nearest) - float(length)) < tie:
                         sure = False
                         break
                     if nearest > length:

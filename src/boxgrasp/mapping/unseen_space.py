@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.arrays import Array, Floats, Points, readonly
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform

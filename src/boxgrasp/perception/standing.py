@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from boxgrasp.arrays import Array, Floats, readonly
+from boxgrasp.arrays import Array, Floats, Points, readonly
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.levels import points_near
