@@ -27,12 +27,13 @@ def points_in_hand(
 
     Returns:
         (N,) bool, between the fingers' last stretches and near the hand's mid-plane; and (N,) bool,
-        in the hand's box beyond the opening.
+        in its fingers or palm; of a hand of one box in what is beyond the opening.
     """
     held, in_fingers = np.empty((2, len(points)), dtype=np.bool_)
     T = np.array(T_base_gripper)  # a copy: for read-only arrays numba would compile once more
-    mark_in_hand(
-        T, np.ascontiguousarray(points), gripper.half_m, gripper.max_opening_m, TIP_M, MIDDLE_M,
-        held, in_fingers,
-    )  # fmt: skip
+    boxes_m = gripper.boxes_m if gripper.palm else gripper.finger_boxes_m
+    pads_m = np.array(gripper.between_m)
+    pads_m[:, 2] = np.clip(pads_m[:, 2], -MIDDLE_M, MIDDLE_M)
+    pads_m[0, 0] = max(pads_m[0, 0], pads_m[1, 0] - TIP_M)
+    mark_in_hand(T, np.ascontiguousarray(points), boxes_m, pads_m, held, in_fingers)
     return readonly(held), readonly(in_fingers)

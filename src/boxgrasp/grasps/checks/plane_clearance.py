@@ -25,7 +25,7 @@ class PlaneClearance(Check):
 
     def evaluate(self, context: CheckContext) -> CheckResult:
         """Signed heights of the hand's lowest corner, and where it is."""
-        hands, plane = context.hands, context.scene.plane
+        hands, plane = context.hand_boxes, context.scene.plane
         height = hand_distance.to_plane(hands, plane.normal, plane.offset_m)
         corner = hand_distance.lowest_corners(hands, plane.normal)
         witness = Witness(readonly(np.full(len(hands), NO_OBJECT)), readonly(corner))
