@@ -166,7 +166,9 @@ def robotiq_140(packages: Packages) -> Model:
 def franka(packages: Packages) -> Model:
     """The joints of pybullet_data's franka_panda/panda.urdf; the hand reaches behind its flange."""
     folder = "robosuite/models/assets/grippers/meshes/panda_gripper/"
-    hand, finger = (packages.mesh("robosuite", folder + name) for name in ("hand.stl", "finger.stl"))
+    hand, finger = (
+        packages.mesh("robosuite", folder + name) for name in ("hand.stl", "finger.stl")
+    )
     parts = [
         Part("hand", "palm", folder + "hand.stl", hand),
         Part("finger", "finger", folder + "finger.stl", finger, (at(0, 40, 58.4),)),
@@ -267,8 +269,14 @@ def placed(part: Part, model: Model) -> Any:
     mesh = part.mesh.copy()
     for T in reversed(part.origins):
         mesh.apply_transform(T)
-    mesh.apply_transform(at(model.ahead_mm, 0, 0, np.block([[model.axes, np.zeros((3, 1))],
-                                                            [np.zeros((1, 3)), 1.0]])))
+    mesh.apply_transform(
+        at(
+            model.ahead_mm,
+            0,
+            0,
+            np.block([[model.axes, np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]]),
+        )
+    )
     return mesh
 
 

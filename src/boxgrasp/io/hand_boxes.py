@@ -71,7 +71,7 @@ def fit_boxes(extents_m: Floats, most: int = MOST_BOXES) -> tuple[HandBox, ...]:
         return ()
     runs = _merged(extents_m)
     fine = sum(_volume(run) for run in runs)
-    best: list[tuple[float, tuple[int, ...]]] = [(0.0, ())] + [(math.inf, ())] * len(runs)
+    best: list[tuple[float, tuple[int, ...]]] = [(0.0, ()), *((math.inf, ()) for _ in runs)]
     for _ in range(min(most, len(runs))):
         best = [(math.inf, ()), *(_cheapest(best, runs, end) for end in range(1, len(runs) + 1))]
         if best[-1][0] <= _LOOSENESS * fine:

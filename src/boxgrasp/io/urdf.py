@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
-from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -259,15 +259,18 @@ def _reader() -> tuple[Any, Any]:
 
 def _refuse_damage(path: Path) -> None:
     """Refuse what is no sound XML of a URDF: yourdfpy reads as much of it as it can."""
+    tags: list[str] = []
+    parser = expat.ParserCreate()  # without name spaces: URDFs use prefixes that nobody declares
+    parser.StartElementHandler = lambda tag, _attributes: tags.append(tag)
     try:
-        root = ElementTree.parse(path).getroot()
+        parser.Parse(path.read_bytes(), True)
     except OSError as error:
         raise GripperError(f"{path}: {error.strerror or error}; valid: a URDF") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
+    except (expat.ExpatError, ValueError, LookupError) as error:
         raise GripperError(f"{path}: no sound XML ({_line(error)}); valid: a URDF") from None
-    if root.tag != "robot":
-        raise GripperError(f"{path}: root element is {root.tag[:60]!r}; valid: 'robot', a URDF")
-    if any("/xacro}" in str(item.tag) or "ros.org/wiki/xacro" in str(item.tag) for item in root):
+    if tags[0] != "robot":
+        raise GripperError(f"{path}: root element is {tags[0][:60]!r}; valid: 'robot', a URDF")
+    if any(tag.startswith("xacro:") for tag in tags):
         raise GripperError(f"{path}: is xacro; valid: a URDF, as the command xacro writes it")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import GripperError
 from boxgrasp.geometry.transforms import invert, make_transform, transform
-from boxgrasp.grasps.gripper import Gripper, HandBox, Row
+from boxgrasp.grasps.gripper import Gripper, HandBox, Rows
 from boxgrasp.io.hand_boxes import fit_boxes, slice_extents
 from boxgrasp.io.urdf import Joint, UrdfFile
 
@@ -42,7 +42,8 @@ def gripper_from_urdf(
     Args:
         path: of the URDF.
         palm: name of the link that the fingers move against.
-        fingers: names of both fingertips' links; the opening is what is free between them.
+        fingers: names of both fingertips' links; the opening is what is free between all that
+            passes the target's face with them.
         flange: name of a link fixed to the palm whose frame the arm's maker uses; None for the
             palm's own.
         insertion_depth_m: how far the fingertips pass the target's face, m; None for half of the
@@ -64,7 +65,7 @@ def gripper_from_urdf(
     hand.open()
     axes = hand.axes()
     try:
-        return _Sizes(hand, axes).gripper(flange or palm, insertion_depth_m)
+        return _Sizes(hand, axes, insertion_depth_m).gripper(flange or palm)
     except GripperError as error:
         text = str(error)
         raise GripperError(text if text.startswith(str(file.path)) else f"{path}: {text}") from None
@@ -103,9 +104,7 @@ class _Links:
 
     def surface_m(self, *links: str) -> Floats:
         """(N, 3, 3) triangles of links as they stand, palm's frame, m."""
-        held = [
-            transform(self.file.pose(link, self.palm), self._surfaces[link]) for link in links
-        ]
+        held = [transform(self.file.pose(link, self.palm), self._surfaces[link]) for link in links]
         return np.concatenate([np.zeros((0, 3, 3)), *held])
 
     def of_branch(self, branch: str) -> list[str]:
@@ -204,7 +203,7 @@ class _Links:
         best = max(near, key=lambda choice: float(choice @ ahead), default=np.zeros(3))
         if best @ ahead < (0.5 if hinges else _CLEAR):
             raise self.fault(
-                f"the fingertips lie along no axis of {self.palm!r}; valid: a palm that points there"
+                f"the fingertips lie along no axis of {self.palm!r}; valid: a palm that faces them"
             )
         return np.asarray(best)
 
@@ -223,20 +222,25 @@ class _Frame:
 class _Sizes:
     """A hand's boxes and lengths in its own axes."""
 
-    def __init__(self, hand: _Links, axes: Floats) -> None:
+    def __init__(self, hand: _Links, axes: Floats, insertion_depth_m: float | None) -> None:
         self.hand = hand
         turned = _Frame(make_transform(axes, np.zeros(3)))
         tips = [turned.of(hand.surface_m(link)).reshape(-1, 3) for link in hand.fingers]
         inner = tips[0][:, 1].min(), tips[1][:, 1].max()
-        self.opening_m = float(inner[0] - inner[1])
-        if self.opening_m <= 0.0:
+        if inner[0] <= inner[1]:
             raise hand.fault(f"{' and '.join(hand.fingers)} overlap when open; valid: a free gap")
         palm = turned.of(hand.surface_m(*hand.of_branch(hand.palm))).reshape(-1, 3)
         behind = min(0.0, float(palm[:, 0].min())) if len(palm) else 0.0
         start = axes @ (behind, float(inner[0] + inner[1]) / 2, 0.0)
         self.frame = _Frame(make_transform(axes, start))
-        self.tip_length_m = float(np.ptp(np.concatenate(tips)[:, 0]))
         self._refuse_uneven()
+        sides = zip(hand.fingers, (1.0, -1.0), strict=True)
+        self.moved = np.concatenate([self._side_extents(link, side) for link, side in sides])
+        reach = np.concatenate(tips)[:, 0]
+        half = round(min(_DEPTH_M, float(np.ptp(reach)) / 2), 4)
+        self.depth_m = half if insertion_depth_m is None else insertion_depth_m
+        passing = self.moved[:, 1] > reach.max() - behind - self.depth_m - _STILL_M
+        self.opening_m = 2 * float(self.moved[passing, 2].min())
 
     def _refuse_uneven(self) -> None:
         """Both fingers reach as far to their side and to the front."""
@@ -256,17 +260,23 @@ class _Sizes:
         links = self.hand.of_branch(self.hand.branches[link])
         return np.asarray(self.frame.of(self.hand.surface_m(*links)) * (1.0, side, 1.0))
 
+    def _side_extents(self, link: str, side: float) -> Floats:
+        """(S, 6) extents of each link that moves with a finger, that at -y mirrored to +y."""
+        own = self.hand.of_branch(self.hand.branches[link])
+        rows = [slice_extents(self.frame.of(self.hand.surface_m(name))) for name in own]
+        held = np.concatenate(rows)
+        return held if side > 0.0 else _mirrored(held)
+
     def _boxes(self) -> tuple[tuple[HandBox, ...], tuple[HandBox, ...]]:
         """Boxes of the palm and of the finger at +y."""
-        hand, frame = self.hand, self.frame
+        hand, frame, moved = self.hand, self.frame, self.moved
         fixed = slice_extents(frame.of(hand.surface_m(*hand.of_branch(hand.palm))))
-        sides = zip(hand.fingers, (1.0, -1.0), strict=True)
-        moved = np.concatenate([slice_extents(self._side(link, side)) for link, side in sides])
         outside = moved[:, 2] >= self.opening_m / 2 - _STILL_M / 10
         rest = [moved[~outside], *self._others()]
         linkage = np.concatenate(rest)
         crossing = linkage[:, 2] < 0.0
-        palm = fit_boxes(_ahead(np.concatenate((fixed, linkage[crossing], _mirrored(linkage[crossing])))))
+        across = linkage[crossing]
+        palm = fit_boxes(_ahead(np.concatenate((fixed, across, _mirrored(across)))))
         finger = fit_boxes(_not_within(_ahead(moved[outside]), palm))
         behind = _not_within(_ahead(linkage[~crossing]), (*palm, *finger))
         for box in fit_boxes(behind, _MOST_LINKAGE):
@@ -283,18 +293,13 @@ class _Sizes:
                 found.append(np.where(rows[:, 3:4] <= 0.0, _mirrored(rows), rows))
         return found
 
-    def gripper(self, flange: str, insertion_depth_m: float | None) -> Gripper:
+    def gripper(self, flange: str) -> Gripper:
         """The gripper of these sizes."""
         palm, finger = self._boxes()
         if not finger:
             raise self.hand.fault("no part of the fingers stands beside the opening; valid: some")
         boxes = (*palm, *finger)
         length = max(box.x_m[1] for box in boxes)
-        gap = self.opening_m / 2
-        front = max((box.x_m[1] for box in palm if box.y_m[0] < gap and box.y_m[1] > -gap), default=0)
-        depth = insertion_depth_m
-        if depth is None:
-            depth = round(min(_DEPTH_M, self.tip_length_m / 2, (length - front) / 2), 4)
         T = np.array(self.frame.T_palm_hand)
         T[:3, 3] = transform(T, np.array([(length / 2, 0.0, 0.0)]))[0]
         return Gripper(
@@ -303,7 +308,7 @@ class _Sizes:
             width_m=2 * max(abs(y) for box in boxes for y in box.y_m),
             thickness_m=2 * max(abs(z) for box in boxes for z in box.z_m),
             max_opening_m=round(self.opening_m, 5),
-            insertion_depth_m=depth,
+            insertion_depth_m=self.depth_m,
             palm=palm,
             finger=finger,
             T_flange_gripper=_rows(self._from_flange(flange) @ T),
@@ -331,9 +336,7 @@ def _ahead(rows: Floats) -> Floats:
 
 
 def _mirrored(rows: Floats) -> Floats:
-    return rows * (1, 1, -1, -1, 1, 1) if not len(rows) else np.stack(
-        (rows[:, 0], rows[:, 1], -rows[:, 3], -rows[:, 2], rows[:, 4], rows[:, 5]), axis=1
-    )
+    return rows[:, (0, 1, 3, 2, 4, 5)] * (1.0, 1.0, -1.0, -1.0, 1.0, 1.0)
 
 
 def _not_within(rows: Floats, boxes: tuple[HandBox, ...]) -> Floats:
@@ -346,7 +349,7 @@ def _not_within(rows: Floats, boxes: tuple[HandBox, ...]) -> Floats:
     return rows[free]
 
 
-def _rows(T: Floats) -> tuple[Row, Row, Row, Row]:
+def _rows(T: Floats) -> Rows:
     """A transform as a gripper holds it, its axes square to the last digit that is written."""
     rows = [tuple(round(float(value), 9) + 0.0 for value in row) for row in T]
     return (rows[0], rows[1], rows[2], rows[3])  # type: ignore[return-value]
