@@ -231,7 +231,9 @@ class _Sizes:
             raise hand.fault(f"{' and '.join(hand.fingers)} overlap when open; valid: a free gap")
         palm = turned.of(hand.surface_m(*hand.of_branch(hand.palm))).reshape(-1, 3)
         behind = min(0.0, float(palm[:, 0].min())) if len(palm) else 0.0
-        start = axes @ (behind, float(inner[0] + inner[1]) / 2, 0.0)
+        heights = np.concatenate(tips)[:, 2]
+        middle = round(float(heights.min() + heights.max()) / 2, 4)
+        start = axes @ (behind, float(inner[0] + inner[1]) / 2, middle)
         self.frame = _Frame(make_transform(axes, start))
         self._refuse_uneven()
         sides = zip(hand.fingers, (1.0, -1.0), strict=True)
