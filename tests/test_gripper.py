@@ -193,7 +193,7 @@ def test_between_the_fingers_only_the_target_may_be() -> None:
     assert free == pytest.approx(0.5)
     between = visible(own, post(0.8, 0.03))
     assert between["visible_clearance"][label] == 0.0 == between["occluded_clearance"][label]
-    # Beside it and nearer to the camera, lower than the palm: close to the one box round the hand alone.
+    # Nearer to the camera and lower than the palm: close to the one box round the hand alone.
     beside = visible(own, post(0.8 - 0.058, 0.07))["visible_clearance"][label]
     as_box = replace(own, palm=(), finger=())
     boxed = visible(as_box, post(0.8 - 0.058, 0.07))["visible_clearance"][label]
