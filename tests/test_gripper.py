@@ -112,7 +112,7 @@ def test_swinging_fingers_need_more_room_over_the_plane() -> None:
     width = context.candidates.width_m[above]
     np.testing.assert_allclose(less[above], 0.02 * np.sqrt(1 - (width / 0.08) ** 2), atol=1e-6)
     # A link of 57 mm that swings from 41 mm to its side is never farther than this says.
-    swung = hand(closing_advance_m=0.057 - np.sqrt(0.057**2 - 0.041**2), max_opening_m=0.08)
+    swung = hand(closing_advance_m=0.057 - float(np.sqrt(0.057**2 - 0.041**2)), max_opening_m=0.08)
     for share in np.linspace(0.0, 1.0, 21):
         true = np.sqrt(0.057**2 - (share * 0.041) ** 2) - np.sqrt(0.057**2 - 0.041**2)
         assert swung.advance_m(np.array([share * 0.08]))[0] >= true - 1e-9
