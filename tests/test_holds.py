@@ -64,7 +64,8 @@ def test_the_kernels_agree_with_plain_geometry(seed: int, hand: Gripper) -> None
         x, y, z = in_hand(T, points.astype(np.float64)).T
         between = np.abs(y) <= gap
         off = 0.035 if hand is HAND else 0.02
-        tips = between & (np.abs(x) <= end) & (x >= end - 0.015) & (np.abs(z) <= min(off, 0.01))
+        tips = between & (np.abs(x) <= end) & (x >= end - hand.insertion_depth_m - 0.005)
+        tips &= np.abs(z) <= min(off, 0.01)
         held, in_fingers = points_in_hand(T, points, hand)
         assert held.tolist() == tips.tolist()
         if hand is HAND:
