@@ -97,6 +97,28 @@ def test_a_hand_is_named_or_a_file(tmp_path: Path) -> None:
     assert load_config(path) == config
 
 
+def test_swinging_fingers_need_more_room_over_the_plane() -> None:
+    """Of a grasp from above; from the side they swing level."""
+    capture, mask = view_of()
+    results = []
+    for advance_m in (0.0, 0.02):
+        selector = GraspSelector(
+            {"gripper": plain(hand(closing_advance_m=advance_m)), "candidates": {"refine": "none"}}
+        )
+        context = selector.analyze(capture, Target(mask=mask)).context
+        results.append(context.check_results["plane_clearance"].value)
+    less, above = results[0] - results[1], context.candidates.face >= 4
+    np.testing.assert_allclose(less[~above], 0.0, atol=1e-6)
+    width = context.candidates.width_m[above]
+    np.testing.assert_allclose(less[above], 0.02 * np.sqrt(1 - (width / 0.08) ** 2), atol=1e-6)
+    # A link of 57 mm that swings from 41 mm to its side is never farther than this says.
+    swung = hand(closing_advance_m=0.057 - float(np.sqrt(0.057**2 - 0.041**2)), max_opening_m=0.08)
+    for share in np.linspace(0.0, 1.0, 21):
+        true = np.sqrt(0.057**2 - (share * 0.041) ** 2) - np.sqrt(0.057**2 - 0.041**2)
+        assert swung.advance_m(np.array([share * 0.08]))[0] >= true - 1e-9
+    assert hand(closing_advance_m=0.02, opening_m=0.04).advance_m(np.array([0.04]))[0] == 0.0
+
+
 def random_hand(rng: np.random.Generator) -> Gripper:
     """Any hand that may be: one to three palm boxes, one or two a finger."""
     front, tip, gap = rng.uniform(0.03, 0.1), rng.uniform(0.14, 0.2), rng.uniform(0.02, 0.06)

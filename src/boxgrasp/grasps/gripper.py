@@ -70,6 +70,8 @@ class Gripper:
         max_opening_m: how far the fingers open, m.
         opening_m: how far they stand open on the way in, m; None for full opening.
         insertion_depth_m: how far the fingertips pass the target's face, m.
+        closing_advance_m: how much farther along x closed fingertips are than open ones, m: the
+            fingers of some hands swing.
         palm: boxes that do not move.
         finger: boxes of the finger at positive y at full opening; the other is its mirror image.
         T_gripper_tcp: 4 rows of 4, the tool point; None for the middle between the fingertips.
@@ -87,6 +89,7 @@ class Gripper:
     max_opening_m: Length = 0.12
     opening_m: Length | None = None
     insertion_depth_m: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.01
+    closing_advance_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
     palm: tuple[HandBox, ...] = ()
     finger: tuple[HandBox, ...] = ()
     T_gripper_tcp: Rows | None = None
@@ -122,6 +125,10 @@ class Gripper:
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:
                 raise GripperError(f"gripper {name} is {value}; valid: above 0, at most 1 m")
+        if not 0.0 <= self.closing_advance_m <= 0.1:
+            raise GripperError(
+                f"gripper closing_advance_m is {self.closing_advance_m}; valid: 0 to 0.1 m"
+            )
         for name in ("max_opening_m", "opening_m"):
             value = getattr(self, name)
             if value is not None and value < LEAST_OPENING_M:
@@ -173,6 +180,23 @@ class Gripper:
     def fingers_open_m(self) -> float:
         """How far the fingers stand open on the way in, m."""
         return self.max_opening_m if self.opening_m is None else self.opening_m
+
+    def advance_m(self, width_m: Floats) -> Floats:
+        """How far the fingertips go along x as they close on something.
+
+        They go on a circle, so most of the way comes first: at most the share that it would be of a
+        quarter turn.
+
+        Args:
+            width_m: (M,) what is between them, m.
+
+        Returns:
+            (M,) float64, m.
+        """
+        open_still = np.clip(width_m / self.max_opening_m, 0.0, 1.0)
+        advance_m = self.closing_advance_m * np.sqrt(1.0 - open_still**2)
+        standing = np.sqrt(1.0 - (self.fingers_open_m / self.max_opening_m) ** 2)
+        return np.asarray(np.maximum(advance_m - self.closing_advance_m * standing, 0.0))
 
     @property
     def standoff_m(self) -> float:

@@ -87,6 +87,7 @@ def moved_to_surface(
     tips = T[:, :3, 3] + T[:, :3, 0] * gripper.half_m[0]
     fall = np.maximum(-(T[:, :3, 0] @ plane.normal), 1e-3)
     room = gripper.half_m[0] + (tips @ plane.normal + plane.offset_m - params.plane_gap_m) / fall
+    room -= gripper.advance_m(candidates.width_m)
     tip = np.fmax(surface + gripper.insertion_depth_m, np.fmin(surface + deeper, room))
     tip = np.fmin(tip, finger - params.gap_m)
     tip = np.fmin(tip, palm)
