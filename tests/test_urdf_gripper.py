@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -307,6 +308,43 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, changes: dict[str, str], said
         read(write(tmp_path, **changes))
     assert said in str(error.value) and "\n" not in str(error.value)
     assert str(tmp_path) in str(error.value)
+
+
+WORDS = st.sampled_from(
+    [
+        "",
+        "0",
+        "-1",
+        "nan",
+        "1e999",
+        "abc",
+        "palm",
+        "left",
+        "fixed",
+        "revolute",
+        "planar",
+        "0 0",
+        "<",
+    ]
+)
+
+
+@settings(deadline=None, max_examples=40)
+@given(changes=st.lists(st.tuples(st.integers(0, 10**6), WORDS), min_size=1, max_size=3))
+def test_any_change_of_a_urdf_gives_a_hand_or_a_line(
+    changes: list[tuple[int, str]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = write(tmp_path_factory.mktemp("changed"))
+    text = path.read_text("utf-8")
+    for place, word in changes:
+        values = list(re.finditer(r'"[^"]*"', text))
+        match = values[place % len(values)]
+        text = f'{text[: match.start()]}"{word}"{text[match.end() :]}'
+    path.write_text(text, "utf-8")
+    try:
+        assert isinstance(read(path), Gripper)
+    except GripperError as error:
+        assert "\n" not in str(error) and str(path.parent) in str(error)
 
 
 def test_flange_that_moves_is_refused(tmp_path: Path) -> None:

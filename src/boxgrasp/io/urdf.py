@@ -79,7 +79,8 @@ class UrdfFile:
         _refuse_damage(self.path)
         self._said: set[str] = set()
         try:
-            robot = reader.URDF.load(str(self.path), build_scene_graph=False).robot
+            with np.errstate(all="ignore"):  # what is not finite is refused below
+                robot = reader.URDF.load(str(self.path), build_scene_graph=False).robot
             self.name = str(robot.name or self.path.stem)
             self._links = {str(link.name): link for link in robot.links}
             joints = [_joint(joint) for joint in robot.joints]
