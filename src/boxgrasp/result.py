@@ -15,10 +15,9 @@ import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, CodedWarning
-from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.grasps.candidates import face_name
-from boxgrasp.grasps.checks.check import Rejection, spelled
+from boxgrasp.grasps.checks.check import Rejection, measured, spelled
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.strict import build
@@ -294,7 +293,7 @@ class Selection:
         clear = self.grasp.clearance_m
         return (
             f"{self.candidate(self.grasp.label).name}, "
-            + ("" if clear is None else f"{_clear(clear)} clear, ")
+            + ("" if clear is None else f"{measured(clear, 'm')} clear, ")
             + f"opening {spelled(self.grasp.opening_m, 'm')}"
         )
 
@@ -374,11 +373,6 @@ class Selection:
         if found != SCHEMA or isinstance(found, bool):
             raise BoxgraspError(f"not an answer: schema is {found!r}; valid: {SCHEMA}")
         return _selection(data)
-
-
-def _clear(distance_m: float) -> str:
-    """A clearance in words, at the cap too."""
-    return f"{spelled(CAP_M, 'm')} or more" if distance_m >= CAP_M else spelled(distance_m, "m")
 
 
 # What JSON tells of a class, in this order, where it is more than the fields; of others the fields.
