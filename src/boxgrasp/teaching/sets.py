@@ -36,6 +36,7 @@ from boxgrasp.teaching.samples import sample_points
 from boxgrasp.version import __version__
 
 PART_ROWS = 40
+MOST_ROWS = 100_000 * PART_ROWS  # of a set: its parts' names have five digits
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class SetConfig:
         objects_sha256: of the object set as it is read now, so that a set is never made of two.
 
     Raises:
-        ConfigError: no rows.
+        ConfigError: no rows, or more than a set can have.
     """
 
     rows: RowConfig
@@ -61,8 +62,8 @@ class SetConfig:
         if not self.objects_sha256:
             said = repr(dict(load_objects(self.rows.recipe.objects))).encode()
             object.__setattr__(self, "objects_sha256", hashlib.sha256(said).hexdigest())
-        if self.count < 1:
-            raise ConfigError(f"count is {self.count}; valid: 1 or more")
+        if not 1 <= self.count <= MOST_ROWS:
+            raise ConfigError(f"count is {self.count}; valid: 1 to {MOST_ROWS}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +241,8 @@ def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
     rows = joined([from_parquet(store.read(name)) for name in names])
     if rows.count != config.count:
         raise ConfigError(
-            f"{store}/{prefix} holds {rows.count} rows; valid: {config.count} as in its set.json"
+            f"{store}/{prefix} holds {rows.count} rows; valid: {config.count} as in its set.json "
+            "(run `boxgrasp simulate` again)"
         )
     return config, rows
 
@@ -397,17 +399,17 @@ def claimed(
     mine = json.loads(json.dumps(plain(settings)))
     there = _read_json(store, prefix + name)
     found = there.get(grows)
-    if type(found) is int and found > 0 and {**there, grows: mine[grows]} == mine:
-        if found > mine[grows]:
-            raise ConfigError(
-                f"{store}/{prefix} holds {what} of {found}, {mine[grows]} are asked for; valid: "
-                f"{found} or more, or another place"
-            )
-        return there
-    if there != mine:
+    can_grow = type(found) is int and found > 0
+    others = {**there, grows: mine[grows]} if can_grow else there
+    if others != mine:
         raise ConfigError(
-            f"{store}/{prefix} holds {what} made otherwise ({_difference(there, mine)}); "
+            f"{store}/{prefix} holds {what} made otherwise ({_difference(others, mine)}); "
             "valid: another place, or the same settings to go on"
+        )
+    if can_grow and found > mine[grows]:
+        raise ConfigError(
+            f"{store}/{prefix} holds {what} of {found}, {mine[grows]} are asked for; valid: "
+            f"{found} or more, or another place"
         )
     return there
 
