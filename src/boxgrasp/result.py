@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
-from boxgrasp.errors import BoxgraspError, CodedWarning
+from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning, require, shown
 from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.grasps.checks.check import Rejection, measured, spelled
@@ -239,7 +239,11 @@ class Selection:
 
         Returns:
             A copy.
+
+        Raises:
+            CaptureError: it is none.
         """
+        require(capture, Capture, "capture", "a Capture", CaptureError)
         answer = replace(self)
         object.__setattr__(answer, "_seen", capture)
         return answer
@@ -271,8 +275,10 @@ class Selection:
         Raises:
             BoxgraspError: there is none.
         """
-        if not 1 <= label <= len(self.candidates):
-            raise BoxgraspError(f"no candidate {label}; valid: 1 to {len(self.candidates)}")
+        number: Any = label
+        known = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        if not known or not 1 <= label <= len(self.candidates):
+            raise BoxgraspError(f"no candidate {shown(label)}; valid: 1 to {len(self.candidates)}")
         return self.candidates[label - 1]
 
     @property
@@ -360,6 +366,7 @@ class Selection:
         Raises:
             BoxgraspError: not JSON, another schema, or missing, unknown or wrong fields.
         """
+        require(text, str, "answer", "a line of JSON")
         try:
             data = json.loads(text)
         except (ValueError, RecursionError):
