@@ -133,7 +133,9 @@ def load_gripper(source: Source) -> Gripper:
         )
     if not Path(source).suffix and not os.path.exists(source):
         names = ", ".join(gripper_names())
-        raise GripperError(f"unknown gripper: {fspath(source)}; valid: {names}, or a YAML file")
+        raise GripperError(
+            f"unknown gripper: {' '.join(fspath(source).split())}; valid: {names}, or a YAML file"
+        )
     data = read_yaml(source, GripperError)
     if isinstance(data, dict):
         data.setdefault("name", Path(source).stem)
