@@ -44,7 +44,7 @@ def complete() -> None:
         if name in words:  # no other command's module is imported
             fill_parser(own, name)
             _add_completers(own)
-    argcomplete.autocomplete(parser, always_complete_options="long")
+    argcomplete.autocomplete(parser, always_complete_options=False)
 
 
 def _add_completers(parser: Parser) -> None:
