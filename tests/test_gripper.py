@@ -112,7 +112,7 @@ def test_swinging_fingers_need_more_room_over_the_plane() -> None:
     width = context.candidates.width_m[above]
     np.testing.assert_allclose(less[above], 0.02 * np.sqrt(1 - (width / 0.08) ** 2), atol=1e-6)
     # A link of 57 mm that swings from 41 mm to its side is never farther than this says.
-    swung = hand(closing_advance_m=0.057 - np.sqrt(0.057**2 - 0.041**2), max_opening_m=0.08)
+    swung = hand(closing_advance_m=0.057 - float(np.sqrt(0.057**2 - 0.041**2)), max_opening_m=0.08)
     for share in np.linspace(0.0, 1.0, 21):
         true = np.sqrt(0.057**2 - (share * 0.041) ** 2) - np.sqrt(0.057**2 - 0.041**2)
         assert swung.advance_m(np.array([share * 0.08]))[0] >= true - 1e-9
@@ -228,14 +228,17 @@ def cast_answer(name: str, seed: int) -> tuple[Any, Gripper]:
     return GraspSelector({"gripper": plain(own)}).select(seen(drawn(seed))), own
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_answers_keep_clear_by_the_hands_own_boxes(seed: int) -> None:
-    found, own = cast_answer("sheet", seed)
-    if found.grasp is None:
-        pytest.skip("a question: 8 cm are too narrow for this one")
-    truth = candidate_truth(drawn(seed), found.grasp.T_base_gripper[None], gripper=own)
-    assert truth.valid[0] and truth.clearance_m[0] >= 0.018
-    assert found.grasp.clearance_m >= truth.clearance_m[0] - 1e-6
+def test_answers_keep_clear_by_the_hands_own_boxes() -> None:
+    grasps = 0
+    for seed in range(6):
+        found, own = cast_answer("sheet", seed)
+        if found.grasp is None:  # 8 cm are too narrow for some
+            continue
+        grasps += 1
+        truth = candidate_truth(drawn(seed), found.grasp.T_base_gripper[None], gripper=own)
+        assert truth.valid[0] and truth.clearance_m[0] >= 0.018
+        assert found.grasp.clearance_m >= truth.clearance_m[0] - 1e-6
+    assert grasps >= 3
 
 
 def test_the_truth_of_several_boxes_is_the_least_of_each() -> None:
