@@ -179,6 +179,7 @@ class GraspSelector:
         Raises:
             SceneError: no support plane, nothing on it, or a scan whose place is unknown.
             TargetError: the target cannot be found where it was pointed at.
+            BoxgraspError: an argument of another type.
         """
         # 1 to 4. The box, what surrounds it, every candidate and every check (2-1, 2-2, 2-4).
         analysis = self.analyze(capture, target, scans, octomap, on_stage=on_stage)
@@ -231,6 +232,7 @@ class GraspSelector:
         Raises:
             SceneError: as `select`.
             TargetError: as `select`.
+            BoxgraspError: as `select`.
         """
         _validate_request(target, octomap, scene, on_stage)
         config = self.config

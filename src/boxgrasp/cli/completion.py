@@ -58,6 +58,8 @@ def _add_completers(parser: Parser) -> None:
         said: Any = None
         if action.metavar == "CAPTURE":
             said = FilesCompleter(_SUFFIXES)
+        elif action.metavar == "HAND":
+            said = _hands
         elif action.dest == "ranker":
             said = ChoicesCompleter(ranker_names())
         elif action.dest == "faces":
@@ -66,6 +68,15 @@ def _add_completers(parser: Parser) -> None:
             said = SuppressCompleter()
         if said is not None:
             action.completer = said  # type: ignore[attr-defined]
+
+
+def _hands(prefix: str, **_: Any) -> list[str]:
+    """Hands that ship, and files of others."""
+    from argcomplete.completers import FilesCompleter
+
+    from boxgrasp.config import gripper_names
+
+    return [*gripper_names(), *FilesCompleter(("yaml", "urdf"))(prefix)]
 
 
 def _argcomplete() -> Any:
