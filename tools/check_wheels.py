@@ -37,7 +37,9 @@ SYSTEMS = {
     "macos-x86_64": ("macosx_14_0_x86_64",),
     "windows-x86_64": ("win_amd64",),
 }
-EXTRAS = (None, "io", "sim", "train", "network", "cluster")  # None for the core
+# None for the core. Not `urdf`: trimesh leaves embreex out on aarch64, which pip judges by the
+# machine it runs on.
+EXTRAS = (None, "io", "sim", "train", "network", "cluster", "completion")
 PROMISED = ("linux-x86_64", "linux-aarch64")  # with every extra, up to the last tested Python
 LAST_TESTED = "3.13"
 MISSING, OFFLINE = 1, 3
