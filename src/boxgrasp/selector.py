@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import readonly
 from boxgrasp.config import Config, load_config, loaded_hash
-from boxgrasp.errors import CodedWarning, ConfigError
+from boxgrasp.errors import CodedWarning, ConfigError, TargetError
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
 from boxgrasp.grasps.candidates import FACES, Candidates, candidates_of
@@ -228,7 +228,7 @@ class GraspSelector:
             scene = scene.with_scans(scans, config.scene.sensor_model)
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
-        scene, points = stand_target(scene, find_target(scene, capture, target))
+        scene, points = stand_target(scene, _target_points(scene, capture, target))
         window = scene.target_window(points.target_mask, REACH_PX)
         placed = self._placed_box(scene, points.target_mask, window)
         box = placed.box
@@ -437,6 +437,16 @@ class Clock:
     def timings_ms(self) -> dict[str, float]:
         """Milliseconds by stage, and `total`."""
         return {**self._laps, "total": (time.perf_counter() - self._start) * 1e3}
+
+
+def _target_points(scene: Scene, capture: Capture, target: Target | None) -> TargetPoints:
+    """The target's points; where there are none, wrong frames may be why."""
+    try:
+        return find_target(scene, capture, target)
+    except TargetError as error:
+        if scene.frame_doubt is None:
+            raise
+        raise TargetError(f"{error}; {scene.frame_doubt.message}") from None
 
 
 def _reports(context: RankingContext, ranking: Ranking) -> tuple[Candidate, ...]:

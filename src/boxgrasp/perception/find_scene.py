@@ -13,6 +13,7 @@ from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.backproject import depth_and_height
 from boxgrasp.perception.carried import are_carried
+from boxgrasp.perception.frame_doubts import FrameCheck, FrameDoubt
 from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
@@ -52,12 +53,15 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     # 1. The plane that carries the objects, and with it every frame.
     sensors = [config.sensor_model.seen_with(of.focal_px) for of in (capture, *scans)]
     points, pixels, flying = seen_points(capture, sensors[0])
-    placement = place_view(capture, points, config.max_range_m, sensors[0])
+    frames = FrameCheck(capture, points, config.max_range_m, sensors[0])
+    placement, doubt = _placed(frames)
     T_base_source, T_base_camera = placement.T_base_source, placement.T_base_camera
     view = View(points, pixels, capture.shape, T_base_source, T_base_camera, flying)
     views = (view, *scan_views(scans, config.sensor_model))
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, sensors, placement, config)
+    if len(over) == 0:
+        raise _nothing(frames, doubt)
     voxels = downsampled(over, config.voxel_m)
     config = replace(config, voxel_m=voxels.edge_m)  # coarser in a view full of noise
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
@@ -79,7 +83,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
     if not objects:
-        raise SceneError(NOTHING)
+        raise _nothing(frames, doubt)
     kept = clusters >= 0
     return Scene(
         points=readonly(np.ascontiguousarray(points_base[kept])),
@@ -93,11 +97,28 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
-        warnings=_warnings(config, image, placement, views),
+        warnings=_warnings(config, image, placement, views, doubt),
+        frame_doubt=doubt,
         sensor=sensors[0],
         voxel_m=config.voxel_m,
         _shown=_of_kept(shown, kept),
     )
+
+
+def _placed(frames: FrameCheck) -> tuple[Placement, FrameDoubt | None]:
+    """Plane and frames, and what speaks against the frames that were given."""
+    try:
+        placement = place_view(frames.capture, frames.points, frames.max_range_m, frames.sensor)
+    except SceneError as error:
+        doubt = frames.without_plane()
+        raise error if doubt is None else doubt.error() from None
+    return placement, frames.with_plane(placement.plane)
+
+
+def _nothing(frames: FrameCheck, doubt: FrameDoubt | None) -> SceneError:
+    """That nothing stands on the plane, and why the frames may be to blame."""
+    doubt = doubt or frames.without_objects()
+    return SceneError(NOTHING) if doubt is None else doubt.error(f"{NOTHING}; ")
 
 
 def _over_table(
@@ -187,9 +208,13 @@ def _segmentation(config: SceneConfig, image: DepthImage | None) -> str:
 
 
 def _warnings(
-    config: SceneConfig, image: DepthImage | None, placement: Placement, views: Sequence[View]
+    config: SceneConfig,
+    image: DepthImage | None,
+    placement: Placement,
+    views: Sequence[View],
+    doubt: FrameDoubt | None,
 ) -> tuple[CodedWarning, ...]:
-    told = []
+    told = [] if doubt is None else [doubt.warning()]
     used = _segmentation(config, image)
     if used != config.segmentation:
         said = f"segmentation {config.segmentation} needs a depth image: {used} was used"
