@@ -8,7 +8,7 @@ Every view is asked for with its right frames, then with each of these:
 - left-handed: one axis of the pose flipped;
 - pose in mm, depth in mm: the translation, or all depths, times 1000;
 - base cloud, base image: its points in the base frame, taken as optical; as an unorganized and as
-  an organized cloud; and cropped: without what lies near the floor.
+  an organized cloud; and cropped, without what lies under the table.
 
 Caught is what is refused by a sentence that names the fault, or answered with a warning whose code
 does; the other two columns are refused for another reason, and answered without a word. `named`
@@ -32,6 +32,8 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -39,30 +41,37 @@ import numpy as np
 from boxgrasp import BoxgraspError, Capture, GraspSelector, load_capture
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import CaptureError, FramesError
-from boxgrasp.geometry.transforms import T_LINK_OPTICAL, invert, make_transform, rotation_z, transform
+from boxgrasp.geometry.transforms import (
+    T_LINK_OPTICAL,
+    invert,
+    make_transform,
+    rotation_z,
+    transform,
+)
 from boxgrasp.simulate import draw_scene, to_capture
+from boxgrasp.simulate.scenes import TABLE_HEIGHT_M
 
 BESIDE = Path(__file__).resolve().parents[2] / "shared"
 BAR = 0.95
 TILT_DEG = 13.0
-CODES = frozenset({"support_plane_tilted", "larger_plane_tilted", "cloud_in_base_frame"})
-FLOOR_M = 0.3  # below it a cropped cloud has nothing
-BASE_CLOUDS = {
-    "captures/haf_table1/cloud.pcd",
-    "captures/indus_table/cloud.ply",
-    "captures_more/regnet_0/cloud.ply",
+CROP_M = 0.1  # under the table; deeper a cropped cloud has nothing
+CLOUDS = {
+    "captures/haf_table1/cloud.pcd": "base",
+    "captures/indus_table/cloud.ply": "base",
+    "captures_more/regnet_0/cloud.ply": "base",
+    "captures_more/gpd_table_mug/cloud.ply": "optical",
 }
-OPTICAL_CLOUDS = {"captures_more/gpd_table_mug/cloud.ply"}
 MAX_RANGE_M = 2.6  # one of the captures has its things that far away
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A capture with its right pose."""
+    """A capture with its right pose, and how high its table is in the base frame, m."""
 
     name: str
     capture: Capture
     T_base_camera: Floats
+    table_m: float
 
     def posed(self, T: Floats | None) -> Capture:
         """The capture as if it had come with another pose."""
@@ -136,7 +145,9 @@ WRONG: dict[str, Made] = {
     ),
     "base cloud": lambda view, rng: Capture.from_cloud(flat(in_base(view))),
     "base image": lambda view, rng: Capture.from_cloud(in_base(view)),
-    "base cloud, cropped": lambda view, rng: Capture.from_cloud(flat(in_base(view), FLOOR_M)),
+    "base cloud, cropped": lambda view, rng: Capture.from_cloud(
+        flat(in_base(view), max(0.0, view.table_m - CROP_M))
+    ),
 }
 READINGS = {"inverted": "inverse", "camera_link": "camera_link"}
 NAMES = {
@@ -181,7 +192,7 @@ def cast_views(count: int, seed: int) -> Iterator[View]:
         rng = np.random.default_rng((seed, number))
         capture, _ = to_capture(draw_scene(rng), rng)
         assert capture.T_base_camera is not None
-        yield View(f"cast {number}", capture, np.array(capture.T_base_camera))
+        yield View(f"cast {number}", capture, np.array(capture.T_base_camera), TABLE_HEIGHT_M)
 
 
 def real_views(root: Path, seed: int) -> Iterator[View]:
@@ -198,7 +209,7 @@ def real_views(root: Path, seed: int) -> Iterator[View]:
         low, high = (0.0, -0.3, 0.0), (0.5, 0.3, 0.9)
         T_base_table = make_transform(turn, rng.uniform(low, high))
         T = tilted(T_base_table @ T_table_camera, rng.uniform(0.0, 2.5), rng)
-        yield View(f"{path.parent.parent.name}/{path.parent.name}", capture, T)
+        yield View(f"{path.parent.parent.name}/{path.parent.name}", capture, T, T_base_table[2, 3])
 
 
 def report(title: str, outcomes: dict[str, list[tuple[str, Outcome]]], right: bool) -> None:
@@ -232,7 +243,7 @@ def measure(views: list[View], seed: int) -> None:
         for number, view in enumerate(views):
             for kind, made in kinds.items():
                 rng = np.random.default_rng((seed, number, 1))
-                found = outcome(selector, kind, lambda: made(view, rng))  # noqa: B023
+                found = outcome(selector, kind, partial(made, view, rng))
                 outcomes[kind].append((view.name, found))
         report(title, outcomes, right=kinds is RIGHT)
 
@@ -241,12 +252,12 @@ def measure_clouds(root: Path) -> None:
     """The clouds that come without an image, in the frame that is theirs and in the other one."""
     selector = GraspSelector({"scene": {"max_range_m": MAX_RANGE_M}})
     print("\nclouds as they are")
-    for name in sorted(BASE_CLOUDS | OPTICAL_CLOUDS):
+    for name, own in CLOUDS.items():
         for frame in ("optical", "base"):
-            right = (frame == "base") == (name in BASE_CLOUDS)
-            kind = "right" if right else "base cloud"
-            found = outcome(selector, kind, lambda: load_capture(root / name, cloud_frame=frame))  # noqa: B023
-            print(f"  {name:34} as {frame:8} {'right' if right else 'wrong':6} {found.what} {found.why}")
+            kind = "right" if frame == own else "base cloud"
+            found = outcome(selector, kind, partial(load_capture, root / name, cloud_frame=frame))
+            told = "right" if frame == own else "wrong"
+            print(f"  {name:34} as {frame:8} {told}  {found.what} {found.why}")
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -261,7 +272,7 @@ def main(argv: list[str] | None = None) -> None:
     root = Path(os.environ.get("BOXGRASP_SHARED", BESIDE))
     print(f"{args.scenes} cast scenes, seed {args.seed}")
     measure(list(cast_views(args.scenes, args.seed)), args.seed)
-    views = [view for view, _ in zip(real_views(root, args.seed), range(args.most or 10**6))]
+    views = list(islice(real_views(root, args.seed), args.most))
     if not views:
         print(f"\nno real captures in {root}: nothing done (set BOXGRASP_SHARED)")
         return

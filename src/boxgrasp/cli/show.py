@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         selection = Selection.from_json(line)
         if selection.capture is None:
             raise BoxgraspError("the answer names no capture; valid: answers of boxgrasp select")
-        capture = _arguments.load_capture(_find(selection.capture, args.answers), args)
+        capture = _arguments.read_capture(_find(selection.capture, args.answers), args)
         place = _arguments.numbered(out, number, len(lines))
         draw_selection(capture, selection, place)
         print(place, flush=True)

@@ -12,7 +12,9 @@ from boxgrasp.errors import BoxgraspError
 
 # A camera's optical frame (z forward, x right, y down) in its link (x forward, y left, z up).
 T_LINK_OPTICAL: Final = readonly(
-    np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    np.array(
+        [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
 )
 _ROTATION_TOLERANCE = 1e-3  # of R^T R from the identity: what float32 and text files lose
 

@@ -18,6 +18,7 @@ from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
     NOTHING,
+    Voxels,
     downsampled,
     inliers,
     points_over,
@@ -60,22 +61,18 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     views = (view, *scan_views(scans, config.sensor_model))
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, sensors, placement, config)
-    if len(over) == 0:
-        raise _nothing(frames, doubt)
-    voxels = downsampled(over, config.voxel_m)
+    voxels = _voxels(over, frames, doubt, config)
     config = replace(config, voxel_m=voxels.edge_m)  # coarser in a view full of noise
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, len(voxels.centroids))
-    needed = config.segmentation in NEED_IMAGE
-    image = _depth_image(capture, view, placement, shown) if needed else None
+    image = _depth_image(capture, view, placement, shown, config)
     camera_table_m = placement.camera_position_table_m(T_base_camera)
     seen = SeenPoints(voxels.centroids, colors, camera_table_m, image, sensors[0])
     segments = _segments(seen, config)
     # 4. What lies as low as the table but is a thing's: floors of hollow ones, and flat ones.
     found = FoundPoints.over_table(voxels.centroids, segments, shown)
-    if view.shape is not None:
-        found = with_low_points(found, first_rows, view, placement, sensors[0], config)
+    found = with_low_points(found, first_rows, view, placement, sensors[0], config)
     clusters, shown = found.segments.clusters, found.shown
     # 5. Objects: the clusters over the seen table that are in reach, from the nearest.
     over_table = _over_table(capture, points, placement, found)
@@ -113,6 +110,14 @@ def _placed(frames: FrameCheck) -> tuple[Placement, FrameDoubt | None]:
         doubt = frames.without_plane()
         raise error if doubt is None else doubt.error() from None
     return placement, frames.with_plane(placement.plane)
+
+
+def _voxels(
+    over: Points, frames: FrameCheck, doubt: FrameDoubt | None, config: SceneConfig
+) -> Voxels:
+    if len(over) == 0:
+        raise _nothing(frames, doubt)
+    return downsampled(over, config.voxel_m)
 
 
 def _nothing(frames: FrameCheck, doubt: FrameDoubt | None) -> SceneError:
@@ -159,10 +164,15 @@ def _voxel_colors(capture: Capture, shown: ShownPoints, count: int) -> Points | 
 
 
 def _depth_image(
-    capture: Capture, view: View, placement: Placement, shown: ShownPoints
+    capture: Capture,
+    view: View,
+    placement: Placement,
+    shown: ShownPoints,
+    config: SceneConfig,
 ) -> DepthImage | None:
-    """The image that the first view's points were seen in; None for a cloud."""
-    if capture.depth is None or capture.intrinsics is None:
+    """The image that the first view's points were seen in; None for a cloud, or unless needed."""
+    needed = config.segmentation in NEED_IMAGE
+    if not needed or capture.depth is None or capture.intrinsics is None:
         return None
     depth_m, height_m = np.zeros((2, capture.depth.size), dtype=np.float32)
     plane = np.append(placement.plane.normal, placement.plane.offset_m)

@@ -31,27 +31,31 @@ _FEW_SHARE = 0.3  # of all points, below which a level plane is held against the
 _MORE = 2.0  # times its points that a tilted plane must hold to be the table instead
 _FACES_UP = np.sin(np.deg2rad(15.0))  # in the image: a wall faces the camera or down
 
-# A cloud with z up that is read as optical shows things behind an opaque plane.
+# A cloud with z up, read as optical, shows things behind an opaque plane, or aside of any view.
 _CLOUD_SAMPLE = 20_000
 _LEVEL_M = 0.01  # m from the plane, the table's own
 _CROWD_M = 0.04  # m from it, of which a table's own are the most:
 _CROWD_SHARE = 0.6  # 0.78 and more of tables, 0.46 and less of cuts through a slanted one
 _OVER_M = (0.02, 0.30)  # m over the plane, where things on it are looked for
 _THROUGH_SHARE = 0.005  # of the plane's points that are seen through it; noise has none
+_UNDER_GAIN = 0.2  # for each point under the plane: a mirroring table shows fewer behind it
+_ASIDE = np.tan(np.deg2rad(70.0))  # of the angle to the axis: the widest depth cameras see to 60
+_ASIDE_SHARE = 0.5  # of the points
 _CELL_M = 0.025  # m, cells in which the plane was seen
 
 _WORDS: Final = MappingProxyType(
     {
         "inverse": "its inverse would make it level (is it T_camera_base?)",
-        "camera_link": "as the pose of camera_link (x forward, y left, z up) it would make it level",
-        "opengl": "as the pose of a camera with y up and z backward it would make it level",
+        "camera_link": "as that of camera_link (x forward, y left, z up) it would make it level",
+        "opengl": "as that of a camera with y up and z backward it would make it level",
     }
 )
 _NO_FIT: Final = "neither its inverse nor the axes of camera_link would make it level"
 _VALID: Final = "valid: the pose of the optical frame (z forward, x right, y down), z of base up"
 _BASE_CLOUD: Final = (
-    "the cloud reads as one in a base frame with z up: taken as optical, things lie behind the "
-    "plane that hides them; try --cloud-frame base (cloud_frame='base' in Python)"
+    "the cloud reads as one in a base frame with z up: taken as optical, it shows things behind "
+    "an opaque plane or aside of any camera's view; try --cloud-frame base (cloud_frame='base' "
+    "in Python)"
 )
 
 
@@ -176,9 +180,7 @@ class FrameCheck:
         if self._up is None:
             return None
         try:
-            return find_support_plane(
-                self.points, None, np.zeros(3), self.max_range_m, self.sensor
-            )
+            return find_support_plane(self.points, None, np.zeros(3), self.max_range_m, self.sensor)
         except SceneError:
             return None
 
@@ -214,7 +216,7 @@ class FrameCheck:
 
     @cached_property
     def _reads_as_base(self) -> bool:
-        """Whether a cloud taken as optical shows a table with z up, seen through from its origin."""
+        """Whether a cloud taken as optical shows a table with z up and what no camera sees."""
         if not self._is_optical_cloud:
             return False
         up = np.array([0.0, 0.0, 1.0])
@@ -226,6 +228,8 @@ class FrameCheck:
             return False
         some = self.points[:: max(1, len(self.points) // _CLOUD_SAMPLE)].astype(np.float64)
         heights = some @ plane.normal + plane.offset_m
+        if np.mean(np.hypot(some[:, 0], some[:, 1]) > _ASIDE * some[:, 2]) > _ASIDE_SHARE:
+            return True
         on = np.abs(heights) < _LEVEL_M
         if np.count_nonzero(on) < _CROWD_SHARE * np.count_nonzero(np.abs(heights) < _CROWD_M):
             return False
@@ -236,7 +240,7 @@ class FrameCheck:
         through = _crossing(over, plane, seen)
         return bool(
             through > _THROUGH_SHARE * np.count_nonzero(on)
-            and through > _crossing(under, plane, seen)
+            and through > _UNDER_GAIN * _crossing(under, plane, seen)
         )
 
 
