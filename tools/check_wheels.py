@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PYTHONS = ("3.11", "3.12", "3.13")
 PROCESSORS = ("x86_64", "aarch64")
 GLIBC = (39, 35, 34, 31, 28, 27, 24, 17)  # what a wheel may ask for, manylinux_2_N
-EXTRAS = ("io", "sim", "train", "network", "cluster")
+EXTRAS = ("io", "lens", "sim", "train", "network", "cluster")
 MISSING, OFFLINE = 1, 3
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError
+from boxgrasp.io.lens import lens_of, undistorted
 from boxgrasp.sensing.capture import Capture
 
 KEYS: Final = (
@@ -20,6 +21,7 @@ KEYS: Final = (
     "target_pixel",
     "mask",
     "robot_mask",
+    "distortion",
 )
 _REQUIRED: Final = KEYS[:2]
 _MAX_BYTES: Final = 1 << 29  # unpacked, an array: as float64, the pixels that any reader takes
@@ -47,7 +49,14 @@ def load_npz(path: Path) -> Capture:
         for key in KEYS:
             if key in names:
                 arrays[key] = _read_array(archive, names[key], key)
-    return Capture(**arrays)
+    distortion = arrays.pop("distortion", None)
+    capture = Capture(**arrays)
+    if distortion is None:
+        return capture
+    if distortion.dtype.kind not in "fiu":
+        raise CaptureError(f"distortion holds {distortion.dtype}; valid: numbers")
+    lens = lens_of("", distortion, "distortion")
+    return capture if lens is None else undistorted(capture, lens, "distortion")
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> NDArray[Any]:
