@@ -23,8 +23,8 @@ FISHEYE: Final = ("equidistant", "fisheye")
 _COUNTS: Final = {**dict.fromkeys(_BROWN, (4, 5, 8, 12, 14)), **dict.fromkeys(FISHEYE, (4,))}
 _RECTIFIED: Final = "valid: a rectified image (image_rect)"
 _CAMERAS: Final = 8  # whose maps are kept
-# In area. The sensor model takes pixels to lie evenly; so they do to a factor of 1.6 at the image's
-# rim. An Azure Kinect's narrow view has 2.1 there, a webcam 2; beyond, one pixel stands for several.
+# In area. The sensor model takes pixels to lie evenly; so they do to a factor of 1.6 along an edge.
+# At its rim an Azure Kinect's narrow view has 2.1, a webcam 2; beyond, one pixel becomes several.
 _MOST_GROWTH: Final = 2.5
 _MOVED_PX: Final = 0.5  # by which a pixel must move to be another one
 
