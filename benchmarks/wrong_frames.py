@@ -170,7 +170,7 @@ class Outcome:
 
 
 def outcome(selector: GraspSelector, kind: str, made: Callable[[], Capture]) -> Outcome:
-    """Ask for a view; for its target where it names one, else for its objects."""
+    """Ask for a view's scene; what ends there ends every answer."""
     try:
         capture = made()
         doubt = selector.scene(capture).frame_doubt
