@@ -27,20 +27,24 @@ _SAMPLE = 5_000  # points tell the share on a plane as well as all
 _TILTED_RAD = np.deg2rad(5.0)  # a soft-tired base and a rough calibration are off by up to 3
 _REFUSED_RAD = np.deg2rad(12.0)  # as the search for level planes has it: a fit may turn past it
 _ON_M = 0.015  # m from a plane: its own points, noise included
-_FEW_SHARE = 0.3  # of all points, below which a level plane is held against the largest in view
-_MORE = 2.0  # times its points that a tilted plane must hold to be the table instead
+_FEW_SHARE = 0.35  # of all points, below which a level plane is held against the largest in view
+_MORE = 1.2  # times its points that a tilted plane must hold to be the table instead
+_READ_SHARE = 0.2  # of all points, on a plane that only another reading of the pose makes level
 _FACES_UP = np.sin(np.deg2rad(15.0))  # in the image: a wall faces the camera or down
 
 # A cloud with z up, read as optical, shows things behind an opaque plane, or aside of any view.
 _CLOUD_SAMPLE = 20_000
+_IN_Z_SHARE = 0.1  # of the points at one z, from which it may be a table's height
 _LEVEL_M = 0.01  # m from the plane, the table's own
 _CROWD_M = 0.04  # m from it, of which a table's own are the most:
-_CROWD_SHARE = 0.6  # 0.78 and more of tables, 0.46 and less of cuts through a slanted one
+_CROWD_SHARE = 0.65  # 0.78 and more of real tables, 0.61 and less of cuts through slanted ones
 _OVER_M = (0.02, 0.30)  # m over the plane, where things on it are looked for
-_THROUGH_SHARE = 0.005  # of the plane's points that are seen through it; noise has none
-_UNDER_GAIN = 0.2  # for each point under the plane: a mirroring table shows fewer behind it
+_THROUGH_SHARE = 0.004  # of the plane's points that are seen through it
+_MIXED_SHARE = 0.01  # the same, where noise at steps may show as much on either side:
+_MIXED_GAIN = 2.0  # of what is seen behind the plane and before it
 _ASIDE = np.tan(np.deg2rad(70.0))  # of the angle to the axis: the widest depth cameras see to 60
 _ASIDE_SHARE = 0.5  # of the points
+_ROW = 1 << 32  # between the numbers of cells beside each other along x
 _CELL_M = 0.025  # m, cells in which the plane was seen
 
 _WORDS: Final = MappingProxyType(
@@ -130,7 +134,7 @@ class FrameCheck:
         """
         if self._reads_as_base:
             return FrameDoubt("cloud_in_base_frame")
-        seen = self._seen_plane
+        seen = self._seen_plane or self._read_plane()
         return None if seen is None else self._tilted("no_level_plane", seen)
 
     def without_objects(self) -> FrameDoubt | None:
@@ -180,9 +184,29 @@ class FrameCheck:
         if self._up is None:
             return None
         try:
-            return find_support_plane(self.points, None, np.zeros(3), self.max_range_m, self.sensor)
+            return self._plane(None)
         except SceneError:
             return None
+
+    def _read_plane(self) -> Plane | None:
+        """A plane of some size that another reading of the pose makes level; None for none.
+
+        For views whose table does not face up in the image, as that of a camera laid on its side.
+        """
+        T = self.capture.T_base_camera
+        if self._up is None or T is None:
+            return None
+        for read in pose_readings(T).values():
+            try:
+                plane = self._plane(read[2, :3])
+            except SceneError:
+                continue
+            if self._share_on(plane) >= _READ_SHARE:
+                return plane
+        return None
+
+    def _plane(self, up: Floats | None) -> Plane:
+        return find_support_plane(self.points, up, np.zeros(3), self.max_range_m, self.sensor)
 
     def _tilted(self, code: FrameCode, plane: Plane) -> FrameDoubt | None:
         up, T = self._up, self.capture.T_base_camera
@@ -212,7 +236,7 @@ class FrameCheck:
             return False
         z = np.sort(self.points[:: max(1, len(self.points) // _SAMPLE), 2])
         held = np.searchsorted(z, z + np.float32(2 * _LEVEL_M)) - np.arange(len(z))
-        return bool(held.max() >= _FEW_SHARE / 3 * len(z))
+        return bool(held.max() >= _IN_Z_SHARE * len(z))
 
     @cached_property
     def _reads_as_base(self) -> bool:
@@ -233,15 +257,14 @@ class FrameCheck:
         on = np.abs(heights) < _LEVEL_M
         if np.count_nonzero(on) < _CROWD_SHARE * np.count_nonzero(np.abs(heights) < _CROWD_M):
             return False
-        seen = np.unique(_cells(some[on]))
+        seen = _inner(np.unique(_cells(some[on])))
         low_m, high_m = _OVER_M
         over = some[(heights > low_m) & (heights < high_m)]
         under = some[(heights < -low_m) & (heights > -high_m)]
         through = _crossing(over, plane, seen)
-        return bool(
-            through > _THROUGH_SHARE * np.count_nonzero(on)
-            and through > _UNDER_GAIN * _crossing(under, plane, seen)
-        )
+        clear = through > _MIXED_GAIN * _crossing(under, plane, seen)
+        least = _THROUGH_SHARE if clear else _MIXED_SHARE
+        return bool(through > least * np.count_nonzero(on))
 
 
 def pose_readings(T_base_camera: Floats) -> dict[PoseReading, Floats]:
@@ -270,7 +293,13 @@ def _angle_rad(one: Floats, other: Floats) -> float:
 def _cells(points: Floats) -> NDArray[np.int64]:
     """(N,) the cell of the plan that each point lies in."""
     at = np.floor(points[:, :2] / _CELL_M).astype(np.int64)
-    return np.asarray(at[:, 0] * (1 << 32) + at[:, 1])
+    return np.asarray(at[:, 0] * _ROW + at[:, 1])
+
+
+def _inner(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of some cells, rising, amid others: past the edge of a plane one sees by right."""
+    beside = [np.isin(cells + by, cells) for by in (-_ROW, _ROW, -1, 1)]
+    return cells[np.logical_and.reduce(beside)]
 
 
 def _crossing(points: Floats, plane: Plane, seen: NDArray[np.int64]) -> int:
