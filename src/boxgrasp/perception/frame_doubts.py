@@ -95,7 +95,11 @@ class FrameDoubt:
         )
 
     def warning(self) -> CodedWarning:
-        """As an answer warns of it."""
+        """As an answer warns of it.
+
+        Returns:
+            The warning.
+        """
         return CodedWarning(self.code, self.message)
 
     def error(self, before: str = "") -> FramesError:
