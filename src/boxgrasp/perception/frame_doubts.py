@@ -7,7 +7,6 @@ plane is found, or a tilted or a small one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import CodedWarning, FrameCode, FramesError, PoseReading, SceneError
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import T_LINK_OPTICAL, invert, make_transform
 from boxgrasp.perception.support_plane import find_support_plane
