@@ -59,7 +59,7 @@ def fill(folder: Path) -> None:
     (folder / "binary").write_bytes(bytes(range(256)) * 9)
     (folder / "text.txt").write_text("some: text\n- that is\nnothing: [\n")
     (folder / "list.yaml").write_text("[1, 2, 3]\n")
-    (folder / "deep.yaml").write_text("[" * 3000)
+    (folder / "deep.yaml").write_text("[" * 1200)
     (folder / "hand.yaml").write_text("max_opening_m: 0.1\n")
     (folder / "objects.yaml").write_text("objects: {a: {set: known, color: [1, 2, 3]}}")
     (folder / "targets.txt").write_text("table.npz --object 1\ngone.npz\n# nothing\n\n")
