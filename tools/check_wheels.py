@@ -39,7 +39,7 @@ SYSTEMS = {
 }
 # None for the core. Not `urdf`: trimesh leaves embreex out on aarch64, which pip judges by the
 # machine it runs on.
-EXTRAS = (None, "io", "sim", "train", "network", "cluster", "completion")
+EXTRAS = (None, "io", "lens", "sim", "train", "network", "cluster", "completion")
 PROMISED = ("linux-x86_64", "linux-aarch64")  # with every extra, up to the last tested Python
 LAST_TESTED = "3.13"
 MISSING, OFFLINE = 1, 3
