@@ -25,18 +25,6 @@ def cast_captures(count: int, seed: int) -> list[Capture]:
     return captures
 
 
-def save_npz(capture: Capture, path: Path) -> None:
-    """The capture as the `.npz` that the command line reads."""
-    np.savez_compressed(
-        path,
-        depth=capture.depth,
-        intrinsics=capture.intrinsics,
-        T_base_camera=capture.T_base_camera,
-        rgb=capture.rgb,
-        target_pixel=np.array(capture.target_pixel),
-    )
-
-
 def quartiles(milliseconds: Sequence[float]) -> str:
     """Median, lower and upper quartile, and the least."""
     low, middle, high = np.percentile(milliseconds, (25, 50, 75))

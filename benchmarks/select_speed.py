@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _measure import cast_captures, quartiles, run, save_npz
+from _measure import cast_captures, quartiles, run
 
 from boxgrasp import Capture, GraspSelector, Selection
 from boxgrasp.arrays import Floats, Points
@@ -34,6 +34,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.io.npz import save_npz
 from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.ranking.sampling import grid

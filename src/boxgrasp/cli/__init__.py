@@ -14,6 +14,7 @@ import logging
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import NoReturn
 
 from boxgrasp.version import __version__
@@ -25,13 +26,14 @@ COMMANDS = {
     "show": "draw saved answers again",
     "demo": "cast a cluttered table, select, and write the picture",
     "config": "print the configuration as it is resolved",
+    "warm-up": "compile every kernel once, so that no command waits for it later",
     "simulate": "cast a set of labeled scenarios with their truth",
     "train": "train the thesis's eight SVMs on a set",
     "evaluate": "hold every ranker against the truth of a set",
     "reproduce": "do the whole thesis again and write the report",
 }
 _WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce")
-_WITH_KERNELS = ("select", "objects", "explain", "demo")
+_WITH_KERNELS = ("select", "objects", "explain", "demo", "warm-up")
 FAILED = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -110,7 +112,7 @@ def _run(arguments: list[str]) -> int:
 def _answer(command: str, args: argparse.Namespace) -> int:
     from boxgrasp.errors import BoxgraspError
 
-    module = importlib.import_module(f"boxgrasp.cli.{command}")
+    module = _module_of(command)
     try:
         # Numba imports scipy where it is installed, 0.3 s for matrix products that no kernel has.
         with contextlib.nullcontext() if command in _WITH_SCIPY else _hidden("scipy"):
@@ -123,6 +125,10 @@ def _answer(command: str, args: argparse.Namespace) -> int:
     except BoxgraspError as error:
         complain(error)
         return FAILED
+
+
+def _module_of(command: str) -> ModuleType:
+    return importlib.import_module(f"boxgrasp.cli.{command.replace('-', '_')}")
 
 
 @contextlib.contextmanager
@@ -163,7 +169,7 @@ def command_parser(command: str) -> Parser:
     Returns:
         The parser, with the command's own arguments and --verbose.
     """
-    module = importlib.import_module(f"boxgrasp.cli.{command}")
+    module = _module_of(command)
     parser = Parser(
         prog=f"boxgrasp {command}",
         description=module.__doc__,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,24 @@ def load_npz(path: Path) -> Capture:
             if key in names:
                 arrays[key] = _read_array(archive, names[key], key)
     return Capture(**arrays)
+
+
+def save_npz(capture: Capture, out: str | Path | IO[bytes], **more: NDArray[Any]) -> None:
+    """Write a capture as a numpy archive, compressed.
+
+    Args:
+        capture: of a depth image.
+        out: the file's path, or a file that is open for bytes.
+        more: further arrays by their names; `load_capture` passes them over.
+
+    Raises:
+        CaptureError: the capture is a cloud, which such an archive does not hold.
+    """
+    if capture.depth is None:
+        raise CaptureError("a cloud is not written as .npz; valid: a capture of a depth image")
+    arrays = {key: getattr(capture, key) for key in KEYS}
+    held = {key: np.asarray(value) for key, value in arrays.items() if value is not None}
+    np.savez_compressed(out, **held, **more)  # type: ignore[arg-type]
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> NDArray[Any]:
