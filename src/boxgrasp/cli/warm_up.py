@@ -185,6 +185,7 @@ def _ugly_tables() -> None:
     """Flat, hollow and stacked things, as the network learns from them."""
     import numpy as np
 
+    from boxgrasp.perception.segmentation import SEGMENTATIONS
     from boxgrasp.selector import GraspSelector
     from boxgrasp.sensing.capture import Capture
     from boxgrasp.simulate.ugly import draw_view
@@ -193,7 +194,9 @@ def _ugly_tables() -> None:
         view = draw_view(np.random.default_rng(seed), _UGLY_SHAPE, _UGLY_FOCAL_PX)
         (u, v), f = view.center_px, view.focal_px
         K = np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
-        GraspSelector().scene(Capture(view.depth_m, K, view.T_table_camera))
+        capture = Capture(view.depth_m, K, view.T_table_camera)
+        for name in SEGMENTATIONS:
+            GraspSelector({"scene": {"segmentation": name}}).scene(capture)
 
 
 def _truth() -> None:
