@@ -146,10 +146,10 @@ def _clouds() -> None:
 
     table, target = _table(), Target(point=_ON_TARGET_M)
     points, pixels = table.valid_points()
-    height, width = table.shape
+    height, width = table.shape or (0, 0)
     grid = np.full((height * width, 3), np.nan, dtype=np.float32)
     grid[pixels] = points
-    T = table.T_base_camera
+    T = np.array(table.T_base_camera)
     organized = grid.reshape(height, width, 3)
     _select(Capture.from_cloud(organized, colors=table.rgb, T_base_camera=T), target)
     _select(Capture.from_cloud(points, T_base_camera=T), target)
