@@ -76,10 +76,11 @@ demo: $(STAMP)
 	@echo "boxgrasp select out/table.npz --object 5 --picture out/grasp.png"
 	@echo "# docs/quick-start.md shows how to answer a view of your own."
 
-# What is compared against (Open3D) is installed here alone; helpers start with an underscore.
+# What is compared against (Open3D) is installed here alone; without it the benchmarks say so and
+# measure their own part. Helpers start with an underscore.
 bench: $(STAMP)
-	@test ! -f benchmarks/requirements.txt \
-		|| $(BIN)/python -m pip --quiet --disable-pip-version-check install -r benchmarks/requirements.txt
+	@$(BIN)/python -m pip --quiet --disable-pip-version-check install -r benchmarks/requirements.txt \
+		|| echo "make bench: what is compared against cannot be installed"
 	@for file in benchmarks/[a-z]*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:

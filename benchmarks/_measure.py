@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import re
 import subprocess
 import sys
 import time
@@ -22,6 +24,38 @@ def cast_captures(count: int, seed: int) -> list[Capture]:
         rng = np.random.default_rng((seed, number))
         captures.append(to_capture(draw_scene(rng), rng)[0])
     return captures
+
+
+# Of which Debian package a system library is that the wheels of libraries want.
+SYSTEM_PACKAGES = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+    "libgomp.so.1": "libgomp1",
+    "libstdc++.so.6": "libstdc++6",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+}
+
+
+def lacking(module: str, install: str) -> str | None:
+    """Why a library that is compared against cannot be used, in one line; None where it can.
+
+    Args:
+        module: its name.
+        install: how it is installed.
+    """
+    try:
+        importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        return f"no {error.name}: {install}"
+    except (ImportError, OSError) as error:  # it is there, what it links to is not
+        found = re.search(r"lib[\w.+-]*\.so[.\d]*", str(error))
+        if found is None:
+            return f"{module} cannot be loaded: {error}"
+        package = SYSTEM_PACKAGES.get(found[0])
+        remedy = f": apt-get install {package}" if package else ""
+        return f"{module} cannot be loaded without the system library {found[0]}{remedy}"
+    return None
 
 
 def quartiles(milliseconds: Sequence[float]) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.uprights import cells_to_uprights, columns_to_uprights
 
@@ -96,14 +96,11 @@ def to_cells(
     Returns:
         (M,) float64, m, and (M,) int64 row, as `to_columns`.
     """
-    return cells_to_uprights(
-        boxes,
-        np.ascontiguousarray(centers_m, dtype=np.float64),
-        np.ascontiguousarray(edges_m, dtype=np.float64),
-        float(np.cos(yaw_rad)),
-        float(np.sin(yaw_rad)),
-        CAP_M,
-    )
+    # Views that are closed to writing, whatever they are of: the kernel is compiled for one kind.
+    given = (np.ascontiguousarray(a, np.float64).view() for a in (boxes, centers_m, edges_m))
+    rows, centers, edges = (readonly(array) for array in given)
+    turn = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
+    return cells_to_uprights(rows, centers, edges, *turn, CAP_M)
 
 
 def to_plane(boxes: Floats, normal: Floats, offset_m: float) -> Floats:
