@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from PIL import Image, ImageChops
 
-from boxgrasp import __version__
 from boxgrasp.simulate import demo_capture
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -61,23 +60,12 @@ def test_a_page_does_what_it_says(page: Path, programs: Path, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_what_is_warmed_up_compiles_nothing_more(programs: Path, tmp_path: Path) -> None:
-    """In processes of their own, by either way to start the program, on a form of file each."""
+@pytest.mark.parametrize("words", ["objects cloud.pcd", "select cloud.pcd --object 1"])
+def test_a_cloud_compiles_nothing_more(words: str, programs: Path, tmp_path: Path) -> None:
+    """In a process of its own, as every command of the pages; they have no clouds."""
     write_pcd(tmp_path / "cloud.pcd")
-    own = [str(programs / "python"), "-m", "boxgrasp"]
-    for words in (
-        [str(programs / "boxgrasp"), "--version"],
-        [*own, "--version"],
-        [*own, "demo", "--save", "table.npz"],
-        [*own, "explain", "table.npz"],
-        [*own, "objects", "cloud.pcd"],
-        [*own, "select", "cloud.pcd", "--object", "1"],
-    ):
-        shell = run_docs.Shell(tmp_path, programs)
-        status, printed = shell.run(" ".join(words))
-        shell.close()
-        assert status == 0 and "compiling" not in printed, printed
-        assert "--version" not in words or printed == f"boxgrasp {__version__}\n"
+    step = run_docs.Step("", f"python -m boxgrasp {words}")
+    assert run_docs.done(step, run_docs.Shell(tmp_path, programs)) is None
 
 
 def write_pcd(path: Path) -> None:
@@ -155,6 +143,13 @@ def test_a_page_that_is_wrong_is_found(tmp_path: Path) -> None:
         "page.md:6: echo 1 2: 3 is 2:",
     ]
     assert len(faults) == 3 and "SyntaxError" in faults[2]  # and no fault of `pwd`
+
+
+def test_a_command_that_compiles_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```console\n$ echo one; echo compiling kernels\none\n```\n")
+    (fault,) = run_docs.run_page(page, tmp_path, Path(sys.executable).parent)
+    assert "compiles kernels" in fault
 
 
 def test_pictures_of_the_docs_are_those_that_are_drawn() -> None:

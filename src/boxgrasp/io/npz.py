@@ -56,7 +56,7 @@ def save_npz(capture: Capture, out: str | Path | IO[bytes], **more: NDArray[Any]
     Args:
         capture: of a depth image.
         out: the file's path, or a file that is open for bytes.
-        more: further arrays by their names; `load_capture` passes them over.
+        more: (...) further arrays by their names; `load_capture` passes them over.
 
     Raises:
         CaptureError: the capture is a cloud, which such an archive does not hold.
