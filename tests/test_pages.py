@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 from pathlib import Path
@@ -65,7 +66,8 @@ def test_a_cloud_compiles_nothing_more(words: str, programs: Path, tmp_path: Pat
     """In a process of its own, as every command of the pages; they have no clouds."""
     write_pcd(tmp_path / "cloud.pcd")
     step = run_docs.Step("", f"python -m boxgrasp {words}")
-    assert run_docs.done(step, run_docs.Shell(tmp_path, programs)) is None
+    with contextlib.closing(run_docs.Shell(tmp_path, programs)) as shell:
+        assert run_docs.done(step, shell) is None
 
 
 def write_pcd(path: Path) -> None:
