@@ -11,9 +11,9 @@ from helpers import TABLE_M, drawn, item, laid, seen
 
 from boxgrasp import Capture, GraspSelector, Selection, Target, default_checks
 from boxgrasp.errors import BoxgraspError, ConfigError
+from boxgrasp.geometry.hand_distance import filled_fraction
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult
-from boxgrasp.kernels.uprights import filled_shares
 from boxgrasp.perception.find_scene import find_scene
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.perception.target import find_target
@@ -194,7 +194,7 @@ def test_share_of_unseen_space_does_not_hang_on_rounding() -> None:
     shares = []
     for off in (-1e-9, 0.0, 1e-9):
         moved = hand + np.array([0.0, off, 0, 0, 0, 0, 0, 0])
-        shares.append(filled_shares(moved, centers, 0.03, 0.02)[0])
+        shares.append(filled_fraction(moved, centers, 0.03, 0.02)[0])
     assert max(shares) - min(shares) < 1e-6
     assert shares[1] == pytest.approx(0.5, abs=0.05)
 

@@ -109,7 +109,7 @@ RENAMED = {
         "width_m": "noise_gain",
         "width_margin_m": "noise_gain",
     },
-    ("gripper",): {"opening_m": "max_opening_m", "reach_past_face_m": "insertion_depth_m"},
+    ("gripper",): {"reach_past_face_m": "insertion_depth_m"},
 }
 OLD_NAMES = [(place, old, new) for place, names in RENAMED.items() for old, new in names.items()]
 
@@ -265,7 +265,7 @@ def test_gripper_file(tmp_path: Path) -> None:
     path.write_text("max_opening_m: 0.08")
     assert load_gripper(path).max_opening_m == 0.08
     path.write_text("opening: 0.08")
-    with pytest.raises(GripperError, match="did you mean max_opening_m"):
+    with pytest.raises(GripperError, match="did you mean opening_m"):
         load_gripper(path)
     path.write_text("max_opening_m: 0.5")
     with pytest.raises(GripperError, match="exceeds width_m"):

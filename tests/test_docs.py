@@ -618,7 +618,7 @@ def test_what_the_extending_page_adds_works(
 
 OLD_WORDS = re.compile(
     r"\b(choosers?|sureness|sights?|situation|hall|house|blocking|best_rejected|seen_m|body_m|"
-    r"far_m|near_m|unseen_share|unseen_m|opening_m)\b"
+    r"far_m|near_m|unseen_share|unseen_m)\b"
 )
 
 
@@ -628,5 +628,4 @@ OLD_WORDS = re.compile(
 def test_pages_use_the_new_words(path: Path) -> None:
     if path.name == "names.md":
         return
-    allowed = {"opening_m"} if path.name == "file-formats.md" else set()  # a grasp still has one
-    assert set(OLD_WORDS.findall(path.read_text("utf-8"))) <= allowed
+    assert not OLD_WORDS.findall(path.read_text("utf-8"))

@@ -19,9 +19,9 @@ from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import FRONT, Candidates
 from boxgrasp.grasps.checks import CheckContext
 from boxgrasp.grasps.checks.fingers_free import FingersFree
-from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper, HandBox
 from boxgrasp.grasps.held import points_in_hand
-from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface
+from boxgrasp.grasps.refinement import RefinementParams, moved_to_surface, ways_m
 from boxgrasp.kernels.held import steady_depths, surfaces_ahead
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES
 from boxgrasp.perception.target import find_target
@@ -33,6 +33,15 @@ from boxgrasp.simulate.noise import add_noise
 from boxgrasp.simulate.primitives import Box, Cylinder, Plane, upright
 
 HAND = Gripper()
+PALM = Gripper(
+    name="palm and fingers", length_m=0.2, width_m=0.18, thickness_m=0.06, max_opening_m=0.08,
+    opening_m=0.07, insertion_depth_m=0.02,
+    palm=(HandBox((0.0, 0.13), (-0.09, 0.09), (-0.03, 0.03)),),
+    finger=(
+        HandBox((0.12, 0.2), (0.04, 0.055), (-0.011, 0.011)),
+        HandBox((0.12, 0.16), (0.05, 0.07), (-0.02, 0.02)),
+    ),
+)  # fmt: skip
 FAR_BELOW = SupportPlane(np.array([0.0, 0.0, 1.0]), 5.0)
 K = intrinsics_matrix()
 
@@ -42,31 +51,55 @@ def in_hand(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 @settings(deadline=None, max_examples=50)
-@given(st.integers(0, 2**32 - 1))
-def test_the_kernels_agree_with_plain_geometry(seed: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.sampled_from((HAND, PALM)))
+def test_the_kernels_agree_with_plain_geometry(seed: int, hand: Gripper) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.12, 0.12, (int(rng.integers(0, 400)), 3)).astype(np.float32)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     poses = np.array([make_transform(turn, rng.uniform(-0.05, 0.05, 3)) for _ in range(4)])
     ahead = np.empty((4, 3))
-    surfaces_ahead(poses, points, HAND.half_m, HAND.max_opening_m, 0.01, 12, 8, 3, ahead)
+    gap, end = hand.fingers_open_m / 2, hand.length_m / 2
+    surfaces_ahead(poses, points, ways_m(hand), np.array((gap, 0.01)), (12, 8, 3), ahead)
     for m, T in enumerate(poses):
         x, y, z = in_hand(T, points.astype(np.float64)).T
-        box = np.abs((x, y, z)) <= HAND.half_m[:, None] + 1e-9
-        between = np.abs(y) <= HAND.max_opening_m / 2
-        tips = (x >= HAND.half_m[0] - 0.015) & (np.abs(z) <= 0.01)
-        held, in_fingers = points_in_hand(T, points, HAND)
-        assert held.tolist() == (box.all(axis=0) & between & tips).tolist()
-        assert in_fingers.tolist() == (box.all(axis=0) & ~between).tolist()
-        beside = box[1] & box[2]
+        between = np.abs(y) <= gap
+        off = 0.035 if hand is HAND else 0.02
+        tips = between & (np.abs(x) <= end) & (x >= end - hand.insertion_depth_m - 0.005)
+        tips &= np.abs(z) <= min(off, 0.01)
+        held, in_fingers = points_in_hand(T, points, hand)
+        assert held.tolist() == tips.tolist()
+        if hand is HAND:
+            beside = (np.abs(y) <= 0.085) & (np.abs(z) <= 0.035)
+            inside = beside & ~between & (np.abs(x) <= end)
+            finger = np.where(beside & ~between, x, np.inf)
+            palm = np.where(beside & between, x + 0.045, np.inf)
+        else:  # each finger is 5 mm nearer to the middle than at full opening
+            side, depth = np.abs(y) + 0.005, x + end
+            pad = (side >= 0.04) & (side <= 0.055) & (np.abs(z) <= 0.011)
+            root = (side >= 0.05) & (side <= 0.07) & (np.abs(z) <= 0.02)
+            body = (np.abs(y) <= 0.09) & (np.abs(z) <= 0.03)
+            inside = (pad & (depth >= 0.12) & (depth <= 0.2)) | (
+                (root & (depth >= 0.12) & (depth <= 0.16)) | (body & (depth >= 0) & (depth <= 0.13))
+            )
+            finger = np.minimum(np.where(pad, x, np.inf), np.where(root, x + 0.04, np.inf))
+            palm = np.where(body, x + 0.07, np.inf)
+        assert in_fingers.tolist() == (inside & ~tips).tolist()
         expected = [np.nan] * 3
-        middle = np.sort(x[beside & between & (np.abs(z) <= 0.01)])
+        middle = np.sort(x[between & (np.abs(z) <= 0.01)])
         if len(middle) >= 12:
             expected[0] = middle[8]
-        for k, which in ((1, beside & ~between), (2, beside & between)):
-            if np.count_nonzero(which) > 3:
-                expected[k] = np.sort(x[which])[3]
+        for k, met in ((1, finger), (2, palm)):
+            if np.count_nonzero(np.isfinite(met)) > 3:
+                expected[k] = np.sort(met)[3]
         np.testing.assert_allclose(ahead[m], expected, atol=1e-7)
+
+
+def test_fingers_stand_where_the_opening_says() -> None:
+    np.testing.assert_allclose(PALM.finger_boxes_m[:, :, 1], [
+        (0.035, 0.05), (0.045, 0.065), (-0.05, -0.035), (-0.065, -0.045),
+    ])  # fmt: skip
+    np.testing.assert_allclose(PALM.between_m, [(0.03, -0.035, -0.02), (0.1, 0.035, 0.02)])
+    assert PALM.finger_length_m == pytest.approx(0.07)
 
 
 def one(T: np.ndarray) -> Candidates:
@@ -120,7 +153,7 @@ def test_steady_depths_are_those_of_a_naive_search(seed: int) -> None:
     surface, growth = rng.uniform(-0.03, 0.03), rng.uniform(0.0, 0.03)
     found = np.empty(1)
     steady_depths(
-        T[None], points, HAND.half_m, 0.12, 0.01, np.array([surface]), 0.0025, 4, growth, 12, found
+        T[None], points, np.array((0.06, 0.01)), np.array([surface]), 0.0025, 4, growth, 12, found
     )
     x, y, z = in_hand(T, points.astype(np.float64)).T
     slab = (np.abs(z) <= 0.01) & (np.abs(y) <= 0.06)

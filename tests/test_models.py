@@ -236,7 +236,7 @@ def test_a_file_of_the_first_format_is_refused_in_one_line(tmp_path: Path) -> No
     model = onnx.load_from_string(tiny())
     record = json.loads(model.metadata_props[0].value)
     record["format"] = 1
-    record["gripper"]["opening_m"] = record["gripper"].pop("max_opening_m")
+    record["gripper"]["opens_m"] = record["gripper"].pop("max_opening_m")
     model.metadata_props[0].value = json.dumps(record)
     path = tmp_path / "old.onnx"
     path.write_bytes(model.SerializeToString())

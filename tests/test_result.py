@@ -17,7 +17,7 @@ from jsonschema import Draft202012Validator
 from boxgrasp import Capture, GraspSelector, Target
 from boxgrasp.errors import BoxgraspError, CodedWarning
 from boxgrasp.grasps.checks import Rejection
-from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.grasps.gripper import Gripper, HandBox
 from boxgrasp.result import (
     JSON_SCHEMA_PATH,
     Candidate,
@@ -99,6 +99,7 @@ def test_schema_is_a_schema_that_names_every_field() -> None:
         (defs["refusal"], Refusal, set()),
         (defs["violation"], Rejection, set()),
         (defs["gripper"], Gripper, set()),
+        (defs["hand_box"], HandBox, set()),
         (defs["warning"], CodedWarning, set()),
     )
     for place, kind, derived in places:
@@ -250,7 +251,7 @@ def test_what_is_no_answer_is_refused_in_one_line(text: str) -> None:
         (("grasp", "position_m"), ["x", "y", "z"]),
         (("grasp", "label"), True),
         (("grasp",), None),
-        (("gripper",), {"opening_m": 0.1}),
+        (("gripper",), {"opening": 0.1}),
         (("gripper",), {"max_opening_m": 0.5}),
         (("warnings",), 7),
         (("warnings",), ["x"]),

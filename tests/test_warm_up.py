@@ -158,6 +158,7 @@ def commands() -> list[list[str]]:
         "simulate physics --count 1 --wish any --physics --lines 5 --processes 1",
     ]
     lines += [f"select other.npz --config {name}.yaml" for name in SEGMENTATIONS]
+    lines += [f"select table.npz --gripper {name}" for name in ("robotiq-2f-85", "thesis")]
     lines += [f"select other.npz --ranker {name}" for name in ("single-spiral", "top-down")]
     return [line.split() for line in lines]
 

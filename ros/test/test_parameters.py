@@ -40,6 +40,7 @@ Type = Parameter.Type
 OTHER = {
     "base_frame": "arm_base",
     "camera_frame": "camera_color_optical_frame",
+    "hand": "thesis",
     "scene.segmentation": "split",
     "scene.network": "net.onnx",
     "scene.sensor": "realsense",
@@ -51,7 +52,10 @@ OTHER = {
     "candidates.refine": "none",
     "gripper.width_m": 0.2,
     "gripper.max_opening_m": 0.1,
-    "gripper.T_gripper_tcp": [1, 0, 0, 0.12, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+    "gripper.name": "mine",
+    "gripper.opening_m": 0.1,
+    "gripper.T_flange_gripper": [0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0.11, 0, 0, 0, 1],
+    "gripper.T_gripper_tcp": [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
     "checks.plugins": "{keep_out: {corners_m: [[0.4, -0.5, 0], [0.6, 0.5, 1]], soft: null}}",
     "ranker": "top-down",
     "models": "models",
@@ -144,6 +148,8 @@ def test_every_setting_is_declared_with_its_default(make_node):
     assert config == load_config(None) and node_config == NodeConfig()
     assert config_hash(config) == config_hash(load_config(None))
     names = [*leaf_names(plain(Config())), *leaf_names(plain(NodeConfig()))]
+    for boxes in ("gripper.palm", "gripper.finger"):  # these come by `hand`
+        names.remove(boxes)
     assert sorted(s.name for s in settings()) == sorted(names)
     assert len(set(names)) == len(names)
     for setting in settings():
@@ -595,3 +601,22 @@ def started_again(config, node_config):
 def test_every_field_of_the_node_is_told_of():
     names = {item.name for item in dataclasses.fields(NodeConfig)}
     assert names == {s.name for s in settings() if s.of is NodeConfig}
+
+
+def test_a_hand_comes_by_its_file_and_single_sizes_win(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "{length_m: 0.2, width_m: 0.2, thickness_m: 0.06, max_opening_m: 0.08, "
+        "palm: [{x_m: [0, 0.15], y_m: [-0.1, 0.1], z_m: [-0.03, 0.03]}], "
+        "finger: [{x_m: [0.1, 0.2], y_m: [0.04, 0.06], z_m: [-0.01, 0.01]}]}"
+    )
+    given = [Parameter("hand", value=str(file)), Parameter("gripper.opening_m", value=0.06)]
+    config, node_config = started(given)
+    assert (config.gripper.name, len(config.gripper.palm), config.gripper.fingers_open_m) == (
+        "mine", 1, 0.06,
+    )  # fmt: skip
+    assert node_config.hand == str(file)
+    for value, said in (("nobody", "unknown gripper: nobody; valid: thesis"), ("a.yaml", "a.yaml")):
+        with pytest.raises(ConfigError) as caught:
+            started([Parameter("hand", value=value)])
+        assert str(caught.value).startswith("parameters: hand: ") and said in str(caught.value)

@@ -9,8 +9,10 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import resources
 from os import fspath
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar, Final
 
 from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.grasps.candidates import CandidatesConfig
@@ -20,7 +22,9 @@ from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.ranking.ranker import SHIPPED, ranker_names
-from boxgrasp.strict import Source, build, plain, read_yaml, to_yaml
+from boxgrasp.strict import Source, build, parse_yaml, plain, read_yaml, to_yaml
+
+_HANDS: Final = resources.files("boxgrasp.grasps") / "hands"  # a YAML file each
 
 
 @dataclass(frozen=True)
@@ -82,15 +86,33 @@ def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Co
     if isinstance(source, Config):
         return build(Config, plain(source), "configuration", ConfigError)
     if isinstance(source, Mapping):
-        return build(Config, source, "configuration", ConfigError)
-    return build(Config, read_yaml(source, ConfigError), fspath(source), ConfigError)
+        return build(Config, _with_hand(source), "configuration", ConfigError)
+    return build(Config, _with_hand(read_yaml(source, ConfigError)), fspath(source), ConfigError)
 
 
-def load_gripper(path: Source) -> Gripper:
-    """The gripper of a YAML file with the keys of the configuration's `gripper`.
+def _with_hand(data: Any) -> Any:
+    """The data with the sizes of a hand that it only names."""
+    if not isinstance(data, Mapping) or not isinstance(data.get("gripper"), str):
+        return data
+    return {**data, "gripper": plain(load_gripper(data["gripper"]))}
+
+
+def gripper_names() -> tuple[str, ...]:
+    """The hands that ship.
+
+    Returns:
+        Names that `load_gripper` takes, sorted, the default first.
+    """
+    files = (entry.name for entry in _HANDS.iterdir())
+    names = sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml"))
+    return tuple(sorted(names, key=lambda name: name != Gripper.name))
+
+
+def load_gripper(source: Source) -> Gripper:
+    """A gripper that ships, or that of a YAML file with the keys of the configuration's `gripper`.
 
     Args:
-        path: of the file.
+        source: a name of `gripper_names`, or the path of a file.
 
     Returns:
         The gripper.
@@ -98,7 +120,18 @@ def load_gripper(path: Source) -> Gripper:
     Raises:
         GripperError: as `load_config`, and where the gripper cannot hold anything.
     """
-    return build(Gripper, read_yaml(path, GripperError), fspath(path), GripperError)
+    if str(source) in gripper_names():
+        text = (_HANDS / f"{source}.yaml").read_text(encoding="utf-8")
+        return build(
+            Gripper, parse_yaml(text, str(source), GripperError), str(source), GripperError
+        )
+    if not Path(source).suffix and not Path(source).exists():
+        names = ", ".join(gripper_names())
+        raise GripperError(f"unknown gripper: {fspath(source)}; valid: {names}, or a YAML file")
+    data = read_yaml(source, GripperError)
+    if isinstance(data, dict):
+        data.setdefault("name", Path(source).stem)
+    return build(Gripper, data, fspath(source), GripperError)
 
 
 def dump_config(config: Config) -> str:

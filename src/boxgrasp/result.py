@@ -483,7 +483,7 @@ def _with_arrays(data: Any, name: str = "") -> Any:
     """The data with read-only arrays for transforms, positions and dimensions."""
     if isinstance(data, dict):
         return {key: _with_arrays(value, str(key)) for key, value in data.items()}
-    if name == "T_gripper_tcp" or not isinstance(data, list):
+    if name in ("T_gripper_tcp", "T_flange_gripper") or not isinstance(data, list):
         return data
     if name.startswith("T_"):
         return validate_transform(data, name)

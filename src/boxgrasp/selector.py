@@ -394,22 +394,23 @@ class GraspSelector:
         T, gripper = chosen.T_base_gripper, self.config.gripper
         back = make_transform(np.eye(3), (-self.config.checks.pregrasp_distance_m, 0.0, 0.0))
         visible = chosen.checks.get("visible_clearance")
+        flange = gripper.flange_pose
         return Grasp(
             label=chosen.label,
             face=chosen.face,
             line=chosen.line,
             T_base_gripper=T,
-            T_base_tcp=readonly(T @ np.array(gripper.T_gripper_tcp)),
+            T_base_tcp=readonly(T @ gripper.tcp_pose),
             T_base_pregrasp=readonly(T @ back),
             position_m=readonly(T[:3, 3].copy()),
             quaternion_xyzw=readonly(quaternion_xyzw(T[:3, :3])),
-            opening_m=gripper.max_opening_m,
+            opening_m=gripper.fingers_open_m,
             width_m=chosen.width_m,
             clearance_m=None if visible is None else visible.value,
             clearance_at_least_m=None,
             probability_clear=None,
             confidence=confidence,
-            T_base_flange=None,
+            T_base_flange=None if flange is None else readonly(T @ invert(flange)),
         )
 
 

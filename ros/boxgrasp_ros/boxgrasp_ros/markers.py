@@ -213,20 +213,27 @@ def _way_to(candidate: Candidate, box: TargetBox) -> Floats:
 def _gripper(sheet: MarkerSheet, selection: Selection) -> None:
     """The hand where it closes and where its approach starts; in an ask the nearest, as a warning.
 
-    Its box is 0, edges 1, fingers 2 and 3, pregrasp 4, way in 5, name 6.
+    Its box is 0, edges 1, fingers 2 and 3, pregrasp 4, way in 5, name 6; further boxes of a hand
+    follow from 10, their edges from 30, those of the pregrasp from 50.
     """
     hand = _hand(selection)
     if hand is None:
         return
     asks, T = selection.grasp is None, hand.T_base_gripper
     color = BLOCKED if asks else GRIPPER
-    sheet.box(("gripper", 0), T, hand.size_m, color, 0.15 if asks else 0.25)
-    sheet.edges(("gripper", 1), T, hand.size_m, (color, 1.0, 0.002 if asks else 0.003))
-    for number, finger in enumerate(fingers(T, hand.gripper), start=2):
-        sheet.box(("gripper", number), *_solid(finger, T), color, 0.4 if asks else 0.9)
+    for k, solid in enumerate(hand.solids(T)):
+        place, size_m = _solid(solid, T)
+        sheet.box(("gripper", 10 + k if k else 0), place, size_m, color, 0.15 if asks else 0.25)
+        edge = (color, 1.0, 0.002 if asks else 0.003)
+        sheet.edges(("gripper", 30 + k if k else 1), place, size_m, edge)
+    if not hand.gripper.palm:
+        for number, finger in enumerate(fingers(T, hand.gripper), start=2):
+            sheet.box(("gripper", number), *_solid(finger, T), color, 0.4 if asks else 0.9)
     back = hand.gripper.length_m / 2
     if hand.T_base_pregrasp is not None:
-        sheet.edges(("gripper", 4), hand.T_base_pregrasp, hand.size_m, (color, 0.45, 0.0015))
+        for k, solid in enumerate(hand.solids(hand.T_base_pregrasp)):
+            place, size_m = _solid(solid, hand.T_base_pregrasp)
+            sheet.edges(("gripper", 50 + k if k else 4), place, size_m, (color, 0.45, 0.0015))
     if hand.approach_m > 0:
         ends = np.array([[-back - hand.approach_m, 0.0, 0.0], [-back, 0.0, 0.0]])
         sheet.arrow(("gripper", 5), transform(T, ends), color, 0.010)

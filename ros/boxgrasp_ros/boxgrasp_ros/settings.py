@@ -21,8 +21,8 @@ import msgspec
 import yaml
 from msgspec import Meta
 
-from boxgrasp.config import Config
-from boxgrasp.errors import ConfigError
+from boxgrasp.config import Config, load_gripper
+from boxgrasp.errors import ConfigError, GripperError
 from boxgrasp.strict import attributes_of, build, describe, parse_yaml, plain
 
 D = TypeVar("D")
@@ -34,6 +34,7 @@ FRAMES: Final = "poses kept in the old frame would be mixed: restart with the ne
 THREADS: Final = "the threads that wait are made at the start: restart with the new number"
 FIXED: Final = {
     "gripper": HAND,
+    "hand": HAND,
     "base_frame": FRAMES,
     "camera_frame": FRAMES,
     "max_waiting": THREADS,
@@ -42,6 +43,7 @@ FIXED: Final = {
 # Another name is taken for a slip where it is as near as this to one of ours (difflib's ratio).
 _CLOSE = 0.85
 _LEAST_INT, _MOST_INT = -(2**63), 2**63 - 1
+_UNSET: Final[dict[str, Any]] = {"string": "", "integer": 0, "double": 0.0}
 _NONE = (None, "", "null", "~")  # YAML's null reaches a node as text, an empty list as nothing
 
 
@@ -52,6 +54,8 @@ class NodeConfig:
     Attributes:
         base_frame: frame of every answer; its z points up.
         camera_frame: the camera's optical frame; empty for the frame_id of each view.
+        hand: a hand that ships (`boxgrasp gripper list`) or a YAML file of one, from which
+            `gripper` starts; empty for the default hand.
         max_view_age_s: a view older than this is stale and not used, s.
         wait_for_view_s: how long a request waits for a view that is not stale, s.
         wait_for_transform_s: how long it waits for the camera's pose in the base, s.
@@ -70,6 +74,7 @@ class NodeConfig:
 
     base_frame: str = "base_link"
     camera_frame: str = ""
+    hand: str = ""
     max_view_age_s: Seconds = 1.0
     wait_for_view_s: Wait = 1.0
     wait_for_transform_s: Wait = 0.2
@@ -218,7 +223,7 @@ class Setting:
             A bool, number, text, or list of them.
         """
         if value is None:
-            return {"string": "", "integer": 0}.get(self.ros_type, [])
+            return _UNSET.get(self.ros_type, [])
         if self.text:
             return value if isinstance(value, str) else _flow(value)
         if self.ros_type == "double":
@@ -400,7 +405,7 @@ def markdown_table() -> str:
         "|---|---|---|---|---|---|",
     ]
     for row in rows():
-        default = "the fingertips" if row.name.endswith("T_gripper_tcp") else f"`{row.default}`"
+        default = f"`{row.default}`"
         change = "yes" if row.changeable else "fixed"
         cells = (f"`{row.name}`", row.type, default, row.valid, change, row.description)
         lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
@@ -412,7 +417,12 @@ def _with(
 ) -> tuple[Config, NodeConfig]:
     """Both configurations with what is given in place of what was."""
     data: dict[Any, dict[str, Any]] = {Config: plain(config), NodeConfig: plain(node_config)}
-    touched = set()
+    touched: set[Any] = set()
+    given = tuple(given)
+    for parameter in given:
+        if parameter.name == "hand" and parameter.value not in (node_config.hand, *_NONE):
+            data[Config]["gripper"] = _hand(parameter.value)
+            touched.add(Config)
     for parameter in given:
         setting = setting_named(parameter.name)
         if setting is not None:
@@ -430,6 +440,16 @@ def _with(
         new_node = build(NodeConfig, data[NodeConfig], "parameters", ConfigError)
         node_config = node_config if new_node == node_config else new_node
     return config, node_config
+
+
+def _hand(name: Any) -> Any:
+    """The sizes of a hand by its name or file."""
+    if not isinstance(name, str):
+        raise ConfigError(f"parameters: hand is {_shown(name)}; valid: a hand's name or YAML file")
+    try:
+        return plain(load_gripper(name))
+    except GripperError as error:
+        raise ConfigError(f"parameters: hand: {error}") from None
 
 
 def _put(data: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
@@ -488,7 +508,7 @@ def _settings_of(
         hint = hints[item.name]
         if dataclasses.is_dataclass(hint) and isinstance(hint, type):
             yield from _settings_of(top, hint, (*place, item.name))
-        else:
+        elif not _holds_sections(hint):  # a list of boxes comes by a hand's name or file
             value = plain(getattr(default, item.name))
             yield _setting(top, (*place, item.name), hint, value, said[item.name])
 
@@ -507,8 +527,8 @@ def _setting(
     text = any(_is_section(member) for member in members)
     ros_type = "double array" if shape else "string" if text else _ros_type(_bare(kind))
     low, high = _range(kind, ros_type)
-    if optional and ros_type == "integer" and low is not None:
-        low = min(low, 0)
+    if optional and low is not None:
+        low = min(low, _UNSET[ros_type])
     setting = Setting(
         name=".".join(path),
         of=top,
@@ -534,7 +554,7 @@ def _valid(kind: Any, ros_type: str, shape: tuple[int, ...], text: bool, optiona
     elif text:
         words = words.replace("a section", "YAML text of a section", 1)
     if optional:
-        words += f", or {json.dumps({'string': '', 'integer': 0}.get(ros_type, []))} for none"
+        words += f", or {json.dumps(_UNSET.get(ros_type, []))} for none"
     return words
 
 
@@ -549,6 +569,11 @@ def _bare(kind: Any) -> Any:
 
 def _is_section(kind: Any) -> bool:
     return dataclasses.is_dataclass(kind) or typing.get_origin(kind) is dict
+
+
+def _holds_sections(kind: Any) -> bool:
+    """Whether it is a list of sections."""
+    return typing.get_origin(kind) is tuple and dataclasses.is_dataclass(typing.get_args(kind)[0])
 
 
 def _shape(kind: Any) -> tuple[int, ...]:

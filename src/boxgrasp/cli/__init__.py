@@ -25,6 +25,7 @@ COMMANDS = {
     "explain": "show all candidates with what every check says, and why each was rejected",
     "show": "draw saved answers again",
     "demo": "cast a cluttered table, select, and write the picture",
+    "gripper": "list and show hands, or make one from a URDF",
     "config": "print the configuration as it is resolved",
     "warm-up": "compile every kernel once, so that no command waits for it later",
     "simulate": "cast a set of labeled scenarios with their truth",

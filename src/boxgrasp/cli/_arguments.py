@@ -131,7 +131,7 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     """
     group = parser.add_argument_group("configuration")
     group.add_argument("--config", metavar="FILE", help="YAML as `boxgrasp config` prints it")
-    group.add_argument("--gripper", metavar="FILE", help="YAML of a gripper")
+    group.add_argument("--gripper", metavar="HAND", help="a hand that ships, or its YAML file")
     group.add_argument("--faces", metavar="front,right", help="only these faces may be chosen")
     group.add_argument("--ranker", metavar="NAME", help="what orders the candidates")
     group.add_argument("--models", metavar="DIR", help="an SVM ranker's models (default: shipped)")

@@ -57,7 +57,7 @@ def draw_box(canvas: Canvas, view: View, box: TargetBox) -> None:
 
 
 def draw_hand(canvas: Canvas, view: View, hand: Hand, color: RGB, *, dashed: bool) -> None:
-    """Draw the hand as the box that was checked, with fingers; its start faint, its way an arrow.
+    """Draw the hand as its checked boxes, with fingers; its start faint, its way an arrow.
 
     Args:
         canvas: the panel.
@@ -69,14 +69,16 @@ def draw_hand(canvas: Canvas, view: View, hand: Hand, color: RGB, *, dashed: boo
     dash = (9.0, 6.0) if dashed else None
     if hand.T_base_pregrasp is not None:
         faint = Stroke(color, 1.4, alpha=120, dash=(4.0, 4.0))
-        draw_edges(canvas, view, corners(hand.T_base_pregrasp, hand.size_m), faint)
+        for solid in hand.solids(hand.T_base_pregrasp):
+            draw_edges(canvas, view, solid, faint)
         _strokes(canvas, view, hand.T_base_pregrasp, hand, Stroke(color, 3.0, alpha=110))
     for finger in fingers(hand.T_base_gripper, hand.gripper):
         flat = [view.point(corner) for corner in finger]
         if None not in flat:
             canvas.polygon(hull([at for at in flat if at is not None]), color, 120)
     edge = Stroke(color, 2.0, halo=WHITE, dash=dash)
-    draw_edges(canvas, view, corners(hand.T_base_gripper, hand.size_m), edge)
+    for solid in hand.solids(hand.T_base_gripper):
+        draw_edges(canvas, view, solid, edge)
     _strokes(canvas, view, hand.T_base_gripper, hand, Stroke(color, 5.0, halo=WHITE, dash=dash))
     _way(canvas, view, hand, Stroke(color, 4.0, halo=WHITE))
 

@@ -42,7 +42,7 @@ class Hand:
 
     @property
     def size_m(self) -> Floats:
-        """(3,) sizes of its box along the gripper's x, y, z."""
+        """(3,) sizes of its outer box along the gripper's x, y, z."""
         return 2 * self.gripper.half_m
 
     @property
@@ -54,21 +54,33 @@ class Hand:
         return float(np.linalg.norm(way))
 
     def nearest(self, point: Floats, *, on_the_way: bool = False) -> Floats:
-        """The place of its box that is nearest to a point.
+        """The place of its boxes that is nearest to a point.
 
         Args:
             point: (3,) float64, base frame, m.
-            on_the_way: whether the box is drawn out backwards along its approach.
+            on_the_way: whether the boxes are drawn out backwards along its approach.
 
         Returns:
             (3,) float64, base frame, m; the point itself where it lies inside.
         """
-        low = -self.gripper.half_m
+        boxes = np.array(self.gripper.boxes_m)
         if on_the_way:
-            low[0] = -np.inf
+            boxes[:, 0, 0] = -np.inf
         local = transform(invert(self.T_base_gripper), point[None])
-        held = np.clip(local, low, self.gripper.half_m)
-        return np.asarray(transform(self.T_base_gripper, held)[0])
+        held = np.clip(local, boxes[:, 0], boxes[:, 1])
+        nearest = np.argmin(np.linalg.norm(held - local, axis=1))
+        return np.asarray(transform(self.T_base_gripper, held[nearest, None])[0])
+
+    def solids(self, T_base_gripper: Floats) -> list[Floats]:
+        """Its boxes at a pose.
+
+        Args:
+            T_base_gripper: (4, 4) float64, m.
+
+        Returns:
+            (8, 3) float64 corners of each, base frame, m.
+        """
+        return [_placed(T_base_gripper, box) for box in self.gripper.boxes_m]
 
 
 def corners(T_base_box: Floats, size_m: Floats) -> Floats:
@@ -84,18 +96,21 @@ def corners(T_base_box: Floats, size_m: Floats) -> Floats:
     return np.asarray(transform(T_base_box, _SIGNS * np.asarray(size_m, np.float64) / 2))
 
 
-def fingers(T_base_gripper: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
-    """Both fingers, open.
+def fingers(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
+    """The boxes of both fingers where they stand on the way in.
 
     Args:
         T_base_gripper: (4, 4) float64, m.
         gripper: the hand.
 
     Returns:
-        (8, 3) float64 corners of each, base frame, m; as deep as the hand's box is before its palm.
+        (8, 3) float64 corners of each, base frame, m; a hand of one box has two, as deep as its
+        palm is likely to be.
     """
+    if gripper.palm:
+        return [_placed(T_base_gripper, box) for box in gripper.finger_boxes_m]
     depth = _depth_m(gripper)
-    gap = gripper.max_opening_m / 2
+    gap = gripper.fingers_open_m / 2
     wide = max(gripper.width_m / 2 - gap, _THINNEST_M)
     found = []
     for side in (1.0, -1.0):
@@ -103,7 +118,7 @@ def fingers(T_base_gripper: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
         offset = (gripper.length_m / 2 - depth / 2, side * (gap + wide / 2), 0.0)
         T[:3, 3] = transform(T_base_gripper, np.array([offset]))[0]
         found.append(corners(T, np.array((depth, wide, gripper.thickness_m * 0.5))))
-    return found[0], found[1]
+    return found
 
 
 def skeleton(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
@@ -116,7 +131,7 @@ def skeleton(T_base_gripper: Floats, gripper: Gripper) -> list[Floats]:
     Returns:
         (2, 3) float64 ends of each, base frame, m: two fingers, the palm, the wrist.
     """
-    tip, y = gripper.length_m / 2, gripper.max_opening_m / 2
+    tip, y = gripper.length_m / 2, gripper.fingers_open_m / 2
     palm = tip - _depth_m(gripper)
     flat = (
         ((tip, y), (palm, y)),
@@ -161,5 +176,14 @@ def contact_line(candidate: Candidate, box: TargetBox) -> Floats:
     return np.array((middle - half, middle + half))
 
 
+def _placed(T_base_gripper: Floats, box: Floats) -> Floats:
+    """(8, 3) corners of a box of the hand, (2, 3) in its own frame, m."""
+    T = np.array(T_base_gripper)
+    T[:3, 3] = transform(T, box.mean(axis=0)[None])[0]
+    return corners(T, box[1] - box[0])
+
+
 def _depth_m(gripper: Gripper) -> float:
+    if gripper.palm:
+        return gripper.finger_length_m
     return min(gripper.length_m / 2, gripper.insertion_depth_m + _FINGER_M)

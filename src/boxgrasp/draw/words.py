@@ -92,7 +92,7 @@ def facts_of(selection: Selection) -> list[tuple[str, str]]:
         said = f"candidate {shown.label}, {shown.name}"
         rows.append(("Nearest" if grasp is None else "Grasp", said))
         rows += [("Rejected", item.sentence) for item in shown.rejections]
-        opening = spelled(selection.gripper.max_opening_m, "m")
+        opening = spelled(selection.gripper.fingers_open_m, "m")
         width = spelled(shown.width_m, "m")
         rows.append(("Width", f"{width}, and the fingers open {opening}"))
     if grasp is not None:

@@ -11,7 +11,9 @@ from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.kernels.held import mark_in_hand
 
-TIP_M: Final = 0.015  # m, the fingers' last stretch, between which the target must be
+# m: the fingers' last stretch, between which the target must be, reaches so far before its face. A
+# camera sees the face and often nothing else of what a deep grasp holds.
+BEFORE_FACE_M: Final = 0.005
 MIDDLE_M: Final = 0.010  # m from the hand's mid-plane: what lies farther off is held by an edge
 
 
@@ -27,12 +29,13 @@ def points_in_hand(
 
     Returns:
         (N,) bool, between the fingers' last stretches and near the hand's mid-plane; and (N,) bool,
-        in the hand's box beyond the opening.
+        in its fingers or palm; of a hand of one box in what is beyond the opening.
     """
     held, in_fingers = np.empty((2, len(points)), dtype=np.bool_)
     T = np.array(T_base_gripper)  # a copy: for read-only arrays numba would compile once more
-    mark_in_hand(
-        T, np.ascontiguousarray(points), gripper.half_m, gripper.max_opening_m, TIP_M, MIDDLE_M,
-        held, in_fingers,
-    )  # fmt: skip
+    boxes_m = gripper.boxes_m if gripper.palm else gripper.finger_boxes_m
+    pads_m = np.array(gripper.between_m)
+    pads_m[:, 2] = np.clip(pads_m[:, 2], -MIDDLE_M, MIDDLE_M)
+    pads_m[0, 0] = max(pads_m[0, 0], pads_m[1, 0] - gripper.insertion_depth_m - BEFORE_FACE_M)
+    mark_in_hand(T, np.ascontiguousarray(points), boxes_m, pads_m, held, in_fingers)
     return readonly(held), readonly(in_fingers)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from boxgrasp.arrays import Points, readonly
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.grasps.candidates import Candidates
 from boxgrasp.grasps.gripper import Gripper
@@ -36,8 +36,6 @@ class RefinementParams:
             the approach on both sides. Fingers slip off sides that run apart more, as the front of
             a cylinder does.
         plane_gap_m: between fingertips that go deeper for that and the support plane, m.
-        finger_m: how deep the target may reach between the fingers, from their tips to the palm,
-            m. The hand's box does not say where its palm is: 4.5 cm suits common parallel grippers.
     """
 
     middle_m: float = 0.010
@@ -49,7 +47,6 @@ class RefinementParams:
     most_m: float = 0.03
     growth_m: float = 0.007
     plane_gap_m: float = 0.006
-    finger_m: float = 0.045
 
 
 def moved_to_surface(
@@ -76,24 +73,43 @@ def moved_to_surface(
     """
     T = np.array(candidates.T_base_gripper)
     ahead_m = np.empty((len(T), 3))
-    surfaces_ahead(
-        T, target_points, gripper.half_m, gripper.max_opening_m, params.middle_m,
-        params.least_points, params.rim_points, params.stray, ahead_m,
-    )  # fmt: skip
+    slab_m = np.array((gripper.fingers_open_m / 2, params.middle_m))
+    counts = (params.least_points, params.rim_points, params.stray)
+    surfaces_ahead(T, target_points, ways_m(gripper), slab_m, counts, ahead_m)
     surface, finger, palm = ahead_m.T
     least = round(gripper.insertion_depth_m / params.step_m)
     deeper = np.empty(len(T))
     steady_depths(
-        T, target_points, gripper.half_m, gripper.max_opening_m, params.middle_m, surface,
+        T, target_points, slab_m, surface,
         params.step_m, least, params.growth_m, round(params.most_m / params.step_m), deeper,
     )  # fmt: skip
     # No deeper than the plane allows: how high the fingertips are, and how steeply they go down.
     tips = T[:, :3, 3] + T[:, :3, 0] * gripper.half_m[0]
     fall = np.maximum(-(T[:, :3, 0] @ plane.normal), 1e-3)
     room = gripper.half_m[0] + (tips @ plane.normal + plane.offset_m - params.plane_gap_m) / fall
+    room -= gripper.advance_m(candidates.width_m)
     tip = np.fmax(surface + gripper.insertion_depth_m, np.fmin(surface + deeper, room))
     tip = np.fmin(tip, finger - params.gap_m)
-    tip = np.fmin(tip, palm + params.finger_m)
+    tip = np.fmin(tip, palm)
     by = np.where(np.isnan(surface), 0.0, tip - gripper.half_m[0])
     T[:, :3, 3] += T[:, :3, 0] * by[:, None]
     return replace(candidates, T_base_gripper=readonly(T))
+
+
+def ways_m(gripper: Gripper) -> Floats:
+    """What each part of a hand meets on its way.
+
+    Args:
+        gripper: the hand.
+
+    Returns:
+        (W, 6) float64 as `kernels.held.surfaces_ahead` takes it.
+    """
+    tip = gripper.length_m / 2
+    parts = [(box, tip - box[1, 0], 0.0) for box in gripper.finger_boxes_m]
+    if gripper.palm:
+        palm = gripper.boxes_m[: len(gripper.palm)]
+        parts += [(box, tip - box[1, 0], 1.0) for box in palm]
+    else:  # between its fingers
+        parts.append((gripper.between_m, gripper.free_length_m, 1.0))
+    return np.array([(*box[:, 1], *box[:, 2], behind, part) for box, behind, part in parts])

@@ -23,10 +23,8 @@ def _in_hand(T: Floats, points: Points, n: int) -> tuple[float, float, float]:
 def mark_in_hand(
     T_base_gripper: Floats,
     points: Points,
-    half_m: Floats,
-    opening_m: float,
-    tip_m: float,
-    middle_m: float,
+    boxes_m: Floats,
+    pads_m: Floats,
     held: NDArray[np.bool_],
     in_fingers: NDArray[np.bool_],
 ) -> None:
@@ -35,34 +33,36 @@ def mark_in_hand(
     Args:
         T_base_gripper: (4, 4) float64.
         points: (N, 3) float32, base frame, m.
-        half_m: (3,) float64 half sizes of the hand's box, m.
-        opening_m: between the fingers, m.
-        tip_m: length of the fingers' last stretch, which must hold something, m.
-        middle_m: how far from the hand's mid-plane a point is held in the middle, m.
+        boxes_m: (B, 2, 3) float64 lowest and highest corners of the hand's solid boxes, in its own
+            frame, m.
+        pads_m: (2, 3) float64, likewise of the space between the fingers' last stretches.
         held: (N,) to fill: between the fingers' last stretches, in the middle.
-        in_fingers: (N,) to fill: in the hand's box beyond the opening.
+        in_fingers: (N,) to fill: in the hand's boxes.
     """
     for n in range(points.shape[0]):
-        along, across, off = _in_hand(T_base_gripper, points, n)
-        held[n] = in_fingers[n] = False
-        if abs(along) > half_m[0] or abs(across) > half_m[1] or abs(off) > half_m[2]:
-            continue
-        if abs(across) > opening_m / 2:
-            in_fingers[n] = True
-        elif abs(off) <= middle_m and along >= half_m[0] - tip_m:
-            held[n] = True
+        place = _in_hand(T_base_gripper, points, n)
+        held[n] = _inside(pads_m, place)
+        in_fingers[n] = False
+        if not held[n]:
+            for b in range(boxes_m.shape[0]):
+                in_fingers[n] |= _inside(boxes_m[b], place)
+
+
+@jit
+def _inside(box: Floats, place: tuple[float, float, float]) -> bool:
+    for axis in range(3):
+        if not box[0, axis] <= place[axis] <= box[1, axis]:
+            return False
+    return True
 
 
 @jit
 def surfaces_ahead(
     T_base_gripper: Floats,
     points: Points,
-    half_m: Floats,
-    opening_m: float,
-    middle_m: float,
-    least: int,
-    rim: int,
-    stray: int,
+    ways_m: Floats,
+    slab_m: Floats,
+    counts: tuple[int, int, int],
     ahead_m: Floats,
 ) -> None:
     """How far along each hand's approach a target's surface lies, from the hand's center.
@@ -70,32 +70,39 @@ def surfaces_ahead(
     Args:
         T_base_gripper: (M, 4, 4) float64.
         points: (N, 3) float32, base frame, m.
-        half_m: (3,) float64 half sizes of the hand's box, m.
-        opening_m: between the fingers, m.
-        middle_m: half the thickness of the slab round the mid-plane in which it is looked for, m.
-        least: of the slab's points between the fingers; fewer are no surface.
-        rim: of these points that may lie nearer than the surface.
-        stray: points that may lie nearer than what is in a finger's or the palm's way.
-        ahead_m: (M, 3) to fill, m: the surface between the fingers, the nearest thing in a finger's
-            way, the nearest in the palm's; NaN where there is none.
+        ways_m: (W, 6) float64, what each part of the hand meets as it moves: from and to across,
+            from and to off the mid-plane, how far its front is behind the fingertips, all m; and
+            0 for a finger, 1 for the palm.
+        slab_m: (2,) half of the opening, and half the thickness of the slab round the mid-plane in
+            which the surface is looked for, m.
+        counts: of the slab's points between the fingers at least; of these that may lie nearer than
+            the surface; of points that may lie nearer than what is in the hand's way.
+        ahead_m: (M, 3) to fill, m: the surface between the fingers, the fingertips where a finger
+            meets the target, and where the palm does; NaN where there is none.
     """
-    count = points.shape[0]
+    count, (least, rim, stray) = points.shape[0], counts
     middle, finger, palm = np.empty(count), np.empty(count), np.empty(count)
     for m in range(T_base_gripper.shape[0]):
         a = b = c = 0
         for n in range(count):
             along, across, off = _in_hand(T_base_gripper[m], points, n)
-            if abs(across) > half_m[1] or abs(off) > half_m[2]:
-                continue
-            if abs(across) > opening_m / 2:
-                finger[b] = along
-                b += 1
-                continue
-            palm[c] = along
-            c += 1
-            if abs(off) <= middle_m:
+            if abs(across) <= slab_m[0] and abs(off) <= slab_m[1]:
                 middle[a] = along
                 a += 1
+            for_finger = for_palm = np.inf
+            for w in range(ways_m.shape[0]):
+                way = ways_m[w]
+                if way[0] <= across <= way[1] and way[2] <= off <= way[3]:
+                    if way[5] == 0.0:
+                        for_finger = min(for_finger, along + way[4])
+                    else:
+                        for_palm = min(for_palm, along + way[4])
+            if for_finger < np.inf:
+                finger[b] = for_finger
+                b += 1
+            if for_palm < np.inf:
+                palm[c] = for_palm
+                c += 1
         ahead_m[m] = np.nan
         if a >= least:
             ahead_m[m, 0] = np.sort(middle[:a])[rim]
@@ -109,9 +116,7 @@ def surfaces_ahead(
 def steady_depths(
     T_base_gripper: Floats,
     points: Points,
-    half_m: Floats,
-    opening_m: float,
-    middle_m: float,
+    slab_m: Floats,
     surface_m: Floats,
     step_m: float,
     least: int,
@@ -126,9 +131,8 @@ def steady_depths(
     Args:
         T_base_gripper: (M, 4, 4) float64.
         points: (N, 3) float32, base frame, m.
-        half_m: (3,) float64 half sizes of the hand's box, m.
-        opening_m: between the fingers, m.
-        middle_m: half the thickness of the slab round the mid-plane that is looked at, m.
+        slab_m: (2,) half of the opening, and half the thickness of the slab round the mid-plane
+            that is looked at, m.
         surface_m: (M,) float64 where the surface is along each approach, from the hand's center,
             m; NaN for nowhere.
         step_m: of depth, m.
@@ -145,7 +149,7 @@ def steady_depths(
         low[:], high[:] = np.inf, -np.inf
         for n in range(points.shape[0]):
             along, across, off = _in_hand(T_base_gripper[m], points, n)
-            if abs(across) > opening_m / 2 or abs(off) > middle_m:
+            if abs(across) > slab_m[0] or abs(off) > slab_m[1]:
                 continue
             k = max(int(np.floor((along - surface_m[m]) / step_m)), 0)
             if k < steps:

@@ -97,8 +97,12 @@ def hold_truth(
 
 def _tips(solids: Solids, T: Floats, hand: Gripper) -> tuple[float, float, float, float]:
     """Contact of the pad at negative y, of the other, and `middle_m2` and `between_m2`."""
-    end, half = hand.length_m / 2, hand.max_opening_m / 2
-    at, cell_m2 = _grid(max(end - TIP_M, -end), end, hand.thickness_m, _PAD_CELL_M)
+    end, half = hand.length_m / 2, hand.fingers_open_m / 2
+    off = [z for box in hand.finger for z in box.z_m] or [
+        -hand.thickness_m / 2,
+        hand.thickness_m / 2,
+    ]
+    at, cell_m2 = _grid((max(end - TIP_M, -end), end), (min(off), max(off)), _PAD_CELL_M)
     line, low, high = _matter(solids, T, at)
     between = (low < half) & (high > -half)
     line, low, high = line[between], low[between], high[between]
@@ -117,20 +121,32 @@ def _tips(solids: Solids, T: Floats, hand: Gripper) -> tuple[float, float, float
 
 def _inside(solids: Solids, T: Floats, hand: Gripper) -> float:
     """Area of both open fingers that stand in the solids, m2."""
-    half, out = hand.max_opening_m / 2, hand.width_m / 2
-    at, cell_m2 = _grid(-hand.length_m / 2, hand.length_m / 2, hand.thickness_m, _FINGER_CELL_M)
-    line, low, high = _matter(solids, T, at)
-    left = (high > -out) & (low < -half - _TOUCH_M)
-    right = (low < out) & (high > half + _TOUCH_M)
-    return (len(np.unique(line[left])) + len(np.unique(line[right]))) * cell_m2
+    back, closer_m = hand.length_m / 2, (hand.max_opening_m - hand.fingers_open_m) / 2
+    boxes = [(box.x_m, box.y_m, box.z_m) for box in hand.finger]
+    if not boxes:  # one box: all of it beyond the opening
+        out, off = hand.width_m / 2 + closer_m, hand.thickness_m / 2
+        boxes = [((0.0, 2 * back), (hand.max_opening_m / 2, out), (-off, off))]
+    area_m2 = 0.0
+    for x, y, z in boxes:
+        at, cell_m2 = _grid((x[0] - back, x[1] - back), z, _FINGER_CELL_M)
+        line, low, high = _matter(solids, T, at)
+        inner, outer = y[0] - closer_m, y[1] - closer_m
+        left = (high > -outer) & (low < -inner - _TOUCH_M)
+        right = (low < outer) & (high > inner + _TOUCH_M)
+        area_m2 += (len(np.unique(line[left])) + len(np.unique(line[right]))) * cell_m2
+    return area_m2
 
 
-def _grid(start_m: float, stop_m: float, thickness_m: float, cell_m: float) -> tuple[Floats, float]:
+def _grid(
+    x_m: tuple[float, float], z_m: tuple[float, float], cell_m: float
+) -> tuple[Floats, float]:
     """(N, 2) x and z of the middles of equal cells over a finger, and the area of one, m2."""
-    counts = [max(round(size / cell_m), 1) for size in (stop_m - start_m, thickness_m)]
-    x = start_m + (np.arange(counts[0]) + 0.5) / counts[0] * (stop_m - start_m)
-    z = ((np.arange(counts[1]) + 0.5) / counts[1] - 0.5) * thickness_m
-    cell_m2 = (stop_m - start_m) * thickness_m / (counts[0] * counts[1])
+    counts = [max(round((stop - start) / cell_m), 1) for start, stop in (x_m, z_m)]
+    x, z = (
+        start + (np.arange(count) + 0.5) / count * (stop - start)
+        for count, (start, stop) in zip(counts, (x_m, z_m), strict=True)
+    )
+    cell_m2 = (x_m[1] - x_m[0]) * (z_m[1] - z_m[0]) / (counts[0] * counts[1])
     return np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2), cell_m2
 
 

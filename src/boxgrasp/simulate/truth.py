@@ -49,7 +49,8 @@ class CandidateTruth:
     """Exact numbers of M gripper poses, hidden sides included; each (M,), m.
 
     Attributes:
-        clearance_m: gripper's box to the nearest obstacle, 0 inside.
+        clearance_m: gripper's boxes to the nearest obstacle, 0 inside and where one stands between
+            the fingers.
         plane_clearance_m: signed height of its lowest corner over the table.
         approach_clearance_m: clearance of the box swept back to the pregrasp.
         width_m: the target's true extent along the finger opening.
@@ -189,23 +190,60 @@ def candidate_truth(
         Distances capped at 0.50 m, widths, and whether they fit.
     """
     hand = Gripper() if gripper is None else gripper
-    dims = np.array([hand.length_m, hand.width_m, hand.thickness_m])
     poses = np.asarray(T_base_gripper, dtype=np.float64).reshape(-1, 4, 4)
-    swept = poses.copy()
-    swept[:, :3, 3] -= poses[:, :3, 0] * (_BACK_M / 2)
-    longer = dims + (_BACK_M, 0.0, 0.0)
     obstacles = scene.obstacles
+    clearance, approach, low = np.full((3, len(poses)), np.inf)
+    for at_m, dims in _parts(hand):
+        part = _moved(poses, at_m)
+        swept = _moved(poses, at_m - np.array((_BACK_M / 2, 0.0, 0.0)))
+        longer = dims + (_BACK_M, 0.0, 0.0)
+        clearance = np.minimum(clearance, box_clearance(part, dims, obstacles))
+        approach = np.minimum(approach, box_clearance(swept, longer, obstacles))
+        low = np.minimum(low, _heights(part, dims)[0])
+    if hand.palm:
+        within = box_clearance(_moved(poses, _gap(hand)[0]), _gap(hand)[1], obstacles)
+        clearance = np.where(within <= 0.0, 0.0, clearance)
     extents = np.array([_extent(scene.target, T[:3, 1]) for T in poses]).reshape(-1, 2)
     width = extents[:, 1] - extents[:, 0]
     middle = np.einsum("mi,mi->m", poses[:, :3, 1], poses[:, :3, 3])
     return CandidateTruth(
-        clearance_m=readonly(np.minimum(box_clearance(poses, dims, obstacles), CAP_M)),
-        plane_clearance_m=readonly(_heights(poses, dims)[0] - scene.table_height_m),
-        approach_clearance_m=readonly(np.minimum(box_clearance(swept, longer, obstacles), CAP_M)),
+        clearance_m=readonly(np.minimum(clearance, CAP_M)),
+        plane_clearance_m=readonly(low - scene.table_height_m),
+        approach_clearance_m=readonly(np.minimum(approach, CAP_M)),
         width_m=readonly(width),
         off_center_m=readonly(extents.mean(axis=1) - middle),
-        fits=readonly(width <= hand.max_opening_m + 1e-9),
+        fits=readonly(width <= hand.fingers_open_m + 1e-9),
     )
+
+
+def _parts(hand: Gripper) -> list[tuple[Floats, Floats]]:
+    """Middle in the gripper's frame and sizes of each box of a hand, m."""
+    if not hand.palm:
+        return [(np.zeros(3), np.array([hand.length_m, hand.width_m, hand.thickness_m]))]
+    closer_m = (hand.max_opening_m - hand.fingers_open_m) / 2
+    found = []
+    for box, side in [(b, 0) for b in hand.palm] + [(b, s) for s in (1, -1) for b in hand.finger]:
+        ends = np.array([box.x_m, box.y_m, box.z_m])
+        middle, size = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+        middle[0] -= hand.length_m / 2
+        if side:
+            middle[1] = side * (middle[1] - closer_m)
+        found.append((middle, size))
+    return found
+
+
+def _gap(hand: Gripper) -> tuple[Floats, Floats]:
+    """The same of the space between the fingers, back to the palm."""
+    tip, off = hand.length_m / 2, np.array([box.z_m for box in hand.finger])
+    front = tip - hand.finger_length_m
+    middle = np.array([(front + tip) / 2, 0.0, (off.min() + off.max()) / 2])
+    return middle, np.array([tip - front, hand.fingers_open_m, off.max() - off.min()])
+
+
+def _moved(poses: Floats, by_m: Floats) -> Floats:
+    moved = poses.copy()
+    moved[:, :3, 3] += poses[:, :3, :3] @ by_m
+    return moved
 
 
 def _heights(boxes: Floats, dimensions_m: Floats) -> tuple[Floats, Floats]:

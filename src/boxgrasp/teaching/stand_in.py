@@ -51,7 +51,7 @@ class StandIn:
             A label, None where nothing goes between the fingers.
         """
         candidates = shown.candidates
-        fits = candidates.width_m <= shown.gripper.max_opening_m
+        fits = candidates.width_m <= shown.gripper.fingers_open_m
         if not fits.any():
             return Label(None, SOURCE)
         best = int(np.argmax(np.where(fits, self.liking(shown, rng), -np.inf)))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,10 @@ from boxgrasp.mapping.local_map import LocalMap
 from boxgrasp.mapping.unseen_space import MapObstacles, columns_under, deepened, unseen_cells
 from boxgrasp.perception.scene import Scene
 from boxgrasp.sensing.sensor_model import UNKNOWN_RANGE_M
+
+# m, off the fingers' plane: as approach_clearance_m, what closing fingers keep from what is beside.
+BETWEEN_MARGIN_M: Final = 0.005
+_TOUCH_M: Final = 1e-6  # m: nearer is inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +90,38 @@ class CheckContext:
 
     @cached_property
     def hands(self) -> Floats:
-        """(M, 8) the hand's box at each candidate, as `hand_distance.uprights` gives it."""
+        """(M, 8) the hand's outer box at each candidate, as `hand_distance.uprights` gives it."""
+        T = self.candidates.T_base_gripper
+        return readonly(hand_distance.uprights(T, self.gripper.half_m))
+
+    @cached_property
+    def hand_boxes(self) -> Floats:
+        """(M, B, 8) the hand's own boxes, as `hand_distance.hand_uprights` gives them."""
         return self.swept_hands(0.0)
 
     def swept_hands(self, back_m: float) -> Floats:
-        """The space that the hand's box passes over its last stretch of approach.
+        """The space that the hand's boxes pass over its last stretch of approach.
 
         Args:
             back_m: length of that stretch, m.
 
         Returns:
-            (M, 8) float64 upright boxes, as `hand_distance.uprights` gives them.
+            (M, B, 8) float64 upright boxes, as `hand_distance.hand_uprights` gives them.
         """
         T = self.candidates.T_base_gripper
-        return readonly(hand_distance.uprights(T, self.gripper.half_m, back_m))
+        return readonly(hand_distance.hand_uprights(T, self.gripper.boxes_m, back_m))
+
+    @cached_property
+    def _between(self) -> Floats:
+        """(M, 8) the space between each hand's fingers, where only the target may be.
+
+        Fingers that close sweep it. A hand of one box has none beside that box.
+        """
+        T = np.array(self.candidates.T_base_gripper)
+        low, high = self.gripper.between_m
+        T[:, :3, 3] += T[:, :3, :3] @ ((low + high) / 2)
+        half = (high - low) / 2 + (0.0, 0.0, BETWEEN_MARGIN_M)
+        return readonly(hand_distance.uprights(T, half))
 
     @cached_property
     def obstacle_points(self) -> Points:
@@ -119,7 +142,7 @@ class CheckContext:
         Returns:
             The result.
         """
-        too_wide = self.candidates.width_m > self.gripper.max_opening_m
+        too_wide = self.candidates.width_m > self.gripper.fingers_open_m
         return replace(found, passed=readonly(found.passed | too_wide))
 
     @property
@@ -161,9 +184,21 @@ class CheckContext:
     @cached_property
     def visible(self) -> Nearest:
         """The visible obstacle nearest to each hand, occupied cells of a map file included."""
-        distance, row = hand_distance.to_points(self.hands, self.obstacle_points)
-        near = Nearest(distance, self._witness(row, self.obstacle_points, self.obstacle_objects))
-        return near.or_nearer(self._map_cells(self.hands)) if len(self.map_obstacles) else near
+        near = self._to_hand(self._points)
+        return near.or_nearer(self._to_hand(self._map_cells)) if len(self.map_obstacles) else near
+
+    def _to_hand(self, measure: Callable[[Floats, float], Nearest]) -> Nearest:
+        """The nearest to each hand's boxes, at no distance where it is between the fingers."""
+        near = measure(self.hand_boxes, hand_distance.CAP_M)
+        if not self.gripper.palm:
+            return near
+        between = measure(self._between, _TOUCH_M)
+        inside = between.distance_m < _TOUCH_M
+        return near.or_nearer(Nearest(np.where(inside, 0.0, np.inf), between.witness))
+
+    def _points(self, hands: Floats, cap_m: float) -> Nearest:
+        distance, row = hand_distance.to_points(hands, self.obstacle_points, cap_m)
+        return Nearest(distance, self._witness(row, self.obstacle_points, self.obstacle_objects))
 
     def keeps_off(self, near: Nearest, limit_m: float, noise_gain: float) -> CheckResult:
         """The result of a check of the distance to what was measured.
@@ -195,7 +230,7 @@ class CheckContext:
     @cached_property
     def occluded(self) -> Nearest:
         """The visible obstacle or hidden body nearest to each hand."""
-        return self._bodies(self.hands).or_nearer(self.visible)
+        return self._to_hand(self._bodies).or_nearer(self.visible)
 
     def on_the_way(self, back_m: float) -> Nearest:
         """The obstacle or hidden body nearest to each hand over its last stretch of approach.
@@ -214,13 +249,14 @@ class CheckContext:
     def unseen(self) -> Nearest:
         """The obstacle, hidden body or unseen cell nearest to each hand."""
         edges = np.full(len(self.unseen_cells), self.local_map.resolution_m)
-        cells = self._cells(self.hands, self.unseen_cells, edges, self.box.yaw_rad)
+        cells = self._cells(self.hand_boxes, self.unseen_cells, edges, self.box.yaw_rad)
         return self.occluded.or_nearer(cells)
 
-    def _bodies(self, hands: Floats) -> Nearest:
+    def _bodies(self, hands: Floats, cap_m: float = hand_distance.CAP_M) -> Nearest:
         columns, objects = self._columns
-        distance, row = hand_distance.to_columns(hands, columns)
-        middle = (hands[:, 6] + hands[:, 7]) / 2
+        distance, row = hand_distance.to_columns(hands, columns, cap_m)
+        boxes = hands.reshape(len(hands), -1, 8)
+        middle = (boxes[:, :, 6].min(axis=1) + boxes[:, :, 7].max(axis=1)) / 2
         known = np.maximum(row, 0)
         points = np.full((len(hands), 3), np.nan)
         if len(columns):
@@ -228,11 +264,19 @@ class CheckContext:
             points[:, 2] = np.clip(middle, columns[known, 2], columns[known, 3])
         return Nearest(distance, self._witness(row, points, objects, of_rows=False))
 
-    def _map_cells(self, hands: Floats) -> Nearest:
-        return self._cells(hands, self.map_obstacles.centers_m, self.map_obstacles.edges_m, 0.0)
+    def _map_cells(self, hands: Floats, cap_m: float = hand_distance.CAP_M) -> Nearest:
+        cells = self.map_obstacles
+        return self._cells(hands, cells.centers_m, cells.edges_m, 0.0, cap_m)
 
-    def _cells(self, hands: Floats, centers_m: Floats, edges_m: Floats, yaw_rad: float) -> Nearest:
-        distance, row = hand_distance.to_cells(hands, centers_m, edges_m, yaw_rad)
+    def _cells(
+        self,
+        hands: Floats,
+        centers_m: Floats,
+        edges_m: Floats,
+        yaw_rad: float,
+        cap_m: float = hand_distance.CAP_M,
+    ) -> Nearest:
+        distance, row = hand_distance.to_cells(hands, centers_m, edges_m, yaw_rad, cap_m)
         return Nearest(distance, self._witness(row, centers_m, None))
 
     @staticmethod

@@ -23,5 +23,5 @@ class Width(Check):
         """Widths of the target's box along the finger opening."""
         margin_m = self.noise_gain * context.box_noise_m[context.candidates.width_axis]
         return CheckResult.at_most(
-            context.candidates.width_m, context.gripper.max_opening_m - margin_m
+            context.candidates.width_m, context.gripper.fingers_open_m - margin_m
         )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -107,14 +108,29 @@ class CascadeGrid(SvmRanker):
     name = "cascade-grid"
 
 
-def _hand(gripper: Gripper) -> dict[str, float]:
+_APART = (
+    "name",
+    "T_gripper_tcp",
+    "T_flange_gripper",
+)  # where a hand fits is alike whatever they are
+
+
+def _hand(gripper: Gripper) -> dict[str, Any]:
     """What of a hand decides where it fits."""
-    names = [item.name for item in fields(gripper) if item.name != "T_gripper_tcp"]
+    names = [item.name for item in fields(gripper) if item.name not in _APART]
     return {name: getattr(gripper, name) for name in names}
 
 
 def _difference(trained: Gripper, used: Gripper) -> str:
     there, here = _hand(trained), _hand(used)
     return ", ".join(
-        f"{name} {there[name]:g}, now {here[name]:g}" for name in there if there[name] != here[name]
+        f"{name} {_told(there[name])}, now {_told(here[name])}"
+        for name in there
+        if there[name] != here[name]
     )
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"{len(value)} boxes"
+    return "none" if value is None else f"{value:g}"
