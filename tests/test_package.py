@@ -112,6 +112,9 @@ def test_metadata_names_authors_and_addresses(wheel: Path) -> None:
     urls = dict(line.split(", ") for line in said.get_all("Project-URL", []))
     assert set(urls) == {"Homepage", "Documentation", "Source", "Issues", "Changelog"}
     assert said["Description-Content-Type"] == "text/markdown"
+    listed = (ROOT / "docs" / "install.md").read_text("utf-8")
+    for extra in {*said.get_all("Provides-Extra", [])} - {"dev"}:
+        assert f"| `{extra}` |" in listed
     assert said.get_payload() == (ROOT / "README.md").read_text("utf-8")
 
 

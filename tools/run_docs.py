@@ -36,7 +36,11 @@ PAGES = [
     *(ROOT / name for name in ("CONTRIBUTING.md", "SECURITY.md", "ros/README.md")),
 ]
 NOTICE = "compiling kernels"  # of the first process that needs one
-OFFLINE = ("NewConnectionError", "name resolution", "ConnectTimeout", "ProxyError")
+# What a machine may lack: a registry that answers, or the venv that Debian splits off.
+LACKING = (
+    *("NewConnectionError", "name resolution", "ConnectTimeout", "ProxyError"),
+    "ensurepip is not",
+)
 
 # What is not run, and why. In a bare environment the README's `INSTALL` is; with --long, `LONG`.
 INSTALL = r"python3 -m venv |pip install \.$"
