@@ -7,20 +7,22 @@ from pathlib import Path
 from PIL import Image
 
 from boxgrasp import GraspSelector
-from boxgrasp.draw import draw_objects, draw_selection
+from boxgrasp.config import load_gripper
+from boxgrasp.draw import draw_gripper, draw_objects, draw_selection
 from boxgrasp.draw.palette import CATEGORY, GRIPPER, HELD, OBSTACLE
 from boxgrasp.simulate import demo_capture
 
 IMAGES = Path(__file__).parent / "images"
-WIDTH = {"demo": 1100, "objects": 760}
+WIDTH = {"demo": 1100, "objects": 760, "hand": 1000}
 
 
 def drawn() -> dict[str, Image.Image]:
-    """The demo's answer and its numbered objects, made smaller, their colors kept."""
+    """The demo's answer, its numbered objects and a hand, made smaller, their colors kept."""
     view, selector = demo_capture(), GraspSelector()
     found = {
         "demo": draw_selection(view, selector.select(view)),
         "objects": draw_objects(view, selector.scene(view)),
+        "hand": draw_gripper(load_gripper("robotiq-2f-85")),
     }
     return {name: paletted(smaller(picture, WIDTH[name])) for name, picture in found.items()}
 

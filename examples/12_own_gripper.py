@@ -1,18 +1,24 @@
-"""Another hand: a mapping or a YAML file; keys that are left out keep their defaults."""
+"""Another hand: a name, a YAML file or a mapping, as one box or as palm and fingers."""
 
 from boxgrasp import GraspSelector
 from boxgrasp.simulate import demo_capture
 
-small = {
-    "length_m": 0.16,  # box of the hand with its fingers open, along the approach
-    "width_m": 0.11,  # along the finger opening
+box = {
+    "name": "small, one box",
+    "length_m": 0.16,  # mounting face to fingertips, along the approach
+    "width_m": 0.12,  # along the finger opening
     "thickness_m": 0.06,
     "max_opening_m": 0.08,
     "insertion_depth_m": 0.02,  # the fingers pass the face by this much
-    "T_gripper_tcp": [[1, 0, 0, 0.08], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+}
+fingers = {
+    **box,
+    "name": "small, palm and fingers",  # clearance is to these boxes
+    "palm": [{"x_m": [0.0, 0.10], "y_m": [-0.06, 0.06], "z_m": [-0.03, 0.03]}],
+    "finger": [{"x_m": [0.10, 0.16], "y_m": [0.04, 0.055], "z_m": [-0.01, 0.01]}],
 }
 view = demo_capture()
-for name, config in (("default", {}), ("small", {"gripper": small})):
-    selection = GraspSelector(config).select(view)
-    print(f"{name} hand: {selection}")
+for hand in ("thesis", "robotiq-2f-85", box, fingers):
+    selection = GraspSelector({"gripper": hand}).select(view)
+    print(f"{selection.gripper.name}: {selection}")
     print("  best first:", ", ".join(candidate.name for candidate in selection.passing))

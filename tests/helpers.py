@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from boxgrasp import Capture
+from boxgrasp import Capture, GraspSelector
 from boxgrasp.kernels.raycast import BALL, BOWL, BOX, CUP, CYLINDER, WALL_M
 from boxgrasp.simulate import TableScene, build_scene, draw_scene, to_capture
 
@@ -72,3 +72,8 @@ def in_matter(kind: int, size: np.ndarray, points: np.ndarray) -> np.ndarray:
     if kind == CUP:
         within &= ~((r < radius - WALL_M) & (z > -h + WALL_M))
     return np.asarray(within)
+
+
+def drawn_answer(seed: int) -> str:
+    """The answer to a random scene's view, to be compared; importable in a process of its own."""
+    return answer_text(GraspSelector().select(seen(drawn(seed), seed)))

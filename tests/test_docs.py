@@ -204,7 +204,7 @@ def member_faults(value: Any) -> Iterator[str]:
     """What the docstring of a class's member lacks; nothing for a plain value."""
     if isinstance(value, property):
         yield from function_faults(typing.cast(Any, value.fget), prop=True)
-    elif isinstance(value, functools.cached_property):
+    elif isinstance(value, functools.cached_property):  # noqa: TID251
         yield from function_faults(value.func, prop=True)
     elif isinstance(value, classmethod | staticmethod):
         yield from function_faults(value.__func__)

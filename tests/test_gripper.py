@@ -228,14 +228,17 @@ def cast_answer(name: str, seed: int) -> tuple[Any, Gripper]:
     return GraspSelector({"gripper": plain(own)}).select(seen(drawn(seed))), own
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_answers_keep_clear_by_the_hands_own_boxes(seed: int) -> None:
-    found, own = cast_answer("sheet", seed)
-    if found.grasp is None:
-        pytest.skip("a question: 8 cm are too narrow for this one")
-    truth = candidate_truth(drawn(seed), found.grasp.T_base_gripper[None], gripper=own)
-    assert truth.valid[0] and truth.clearance_m[0] >= 0.018
-    assert found.grasp.clearance_m >= truth.clearance_m[0] - 1e-6
+def test_answers_keep_clear_by_the_hands_own_boxes() -> None:
+    grasps = 0
+    for seed in range(6):
+        found, own = cast_answer("sheet", seed)
+        if found.grasp is None:  # 8 cm are too narrow for some
+            continue
+        grasps += 1
+        truth = candidate_truth(drawn(seed), found.grasp.T_base_gripper[None], gripper=own)
+        assert truth.valid[0] and truth.clearance_m[0] >= 0.018
+        assert found.grasp.clearance_m >= truth.clearance_m[0] - 1e-6
+    assert grasps >= 3
 
 
 def test_the_truth_of_several_boxes_is_the_least_of_each() -> None:

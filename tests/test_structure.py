@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import ast
 import re
-import tomllib
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import grimp
 import pytest
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "src" / "boxgrasp"
-MOST_LINES, MOST_PARAMETERS, MOST_MODULES = 50, 6, 9
+MOST_LINES, MOST_PARAMETERS, MOST_MODULES = 50, 6, 10
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 

@@ -12,14 +12,19 @@ import json
 import subprocess
 import sys
 import tempfile
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pip brings one
+    from pip._vendor import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parent.parent
 PYTHONS = ("3.11", "3.12", "3.13")
 PROCESSORS = ("x86_64", "aarch64")
 GLIBC = (39, 35, 34, 31, 28, 27, 24, 17)  # what a wheel may ask for, manylinux_2_N
+# Not `urdf`: trimesh leaves embreex out on aarch64, which pip judges by the machine it runs on.
 EXTRAS = ("io", "sim", "train", "network", "cluster")
 MISSING, OFFLINE = 1, 3
 

@@ -1,6 +1,6 @@
 """Measure the makers' models of the hands in src/boxgrasp/grasps/hands.
 
-    python -m venv V && V/bin/pip install numpy trimesh
+    python -m venv V && V/bin/pip install 'trimesh[easy]'
     V/bin/pip download --no-deps --no-binary pybullet -d D \
         robosuite==1.5.2 hello-robot-stretch-urdf==0.1.2 pybullet==3.2.7
     V/bin/python tools/measure_hands.py D > tests/hand_measurements.json

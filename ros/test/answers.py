@@ -37,9 +37,14 @@ def cast(target: tuple[Any, ...], *obstacles: tuple[Any, ...]) -> Capture:
     return to_capture(build_scene(spec), noise=False)[0]
 
 
-def answer_to(capture: Capture, target: Target | None = None, ranker: str = "clearance") -> Answer:
+def answer_to(
+    capture: Capture,
+    target: Target | None = None,
+    ranker: str = "clearance",
+    hand: str = "thesis",
+) -> Answer:
     """An answer with what it rests on."""
-    selector = GraspSelector({"ranker": ranker})
+    selector = GraspSelector({"ranker": ranker, "gripper": hand})
     analysis = selector.analyze(capture, target)
     return analysis, selector.choose(analysis)
 

@@ -15,9 +15,13 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pip brings one
+    from pip._vendor import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[2]
 ENV = ROOT / ".venv-ros"

@@ -260,6 +260,22 @@ def test_the_gripper_stands_where_it_closes() -> None:
     assert found["gripper", 6].text == str(grasp.label)
 
 
+def test_a_hand_of_several_boxes_is_shown_as_these() -> None:
+    capture = cast(("green_cube", 0.85, 0.0, 0.3), ("beans_can", 0.80, 0.22, 0.0))
+    analysis, selection = answer_to(capture, hand="robotiq-2f-85")
+    grasp, hand = selection.grasp, selection.gripper
+    assert grasp is not None and len(hand.boxes_m) > 3
+    array = marker_array(analysis, selection, HEADER)
+    check_for_rviz(array)
+    solids = [m for m in array.markers[1:] if m.ns == "gripper" and m.type == Marker.CUBE]
+    assert len(solids) == len(hand.boxes_m)
+    for solid, (low, high) in zip(solids, hand.boxes_m, strict=True):
+        local = invert(grasp.T_base_gripper) @ matrix(solid.pose)
+        np.testing.assert_allclose(local[:3, :3], np.eye(3), atol=1e-9)
+        np.testing.assert_allclose(local[:3, 3], (low + high) / 2, atol=1e-9)
+        np.testing.assert_allclose(xyz(solid.scale), high - low, atol=1e-9)
+
+
 def test_an_ask_shows_the_nearest_hand_as_a_warning() -> None:
     selection, found = answer("ask")[1], shown("ask")
     assert selection.shown is not None

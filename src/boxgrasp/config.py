@@ -56,7 +56,7 @@ class Config:
     models: str | None = None
     unchecked: bool = False
 
-    RENAMED: ClassVar = {
+    RENAMED: ClassVar[dict[str, str]] = {
         "options": "candidates",
         "occupancy": "mapping",
         "check": "checks",

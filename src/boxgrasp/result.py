@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +15,7 @@ import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, CodedWarning
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.grasps.candidates import face_name

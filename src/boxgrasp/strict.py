@@ -1,7 +1,8 @@
 """Plain data into frozen dataclasses, strictly: nothing misspelt, mistyped or out of range passes.
 
 The types and ranges are the annotations of the dataclasses (`Annotated[float, Meta(ge=0)]`). A
-dataclass may say what its fields were called before, as `RENAMED: ClassVar = {old: new}`.
+dataclass may say what its fields were called before, as a `RENAMED: ClassVar[dict[str, str]]` from
+old to new.
 """
 
 from __future__ import annotations

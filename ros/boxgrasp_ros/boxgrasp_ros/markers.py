@@ -213,8 +213,8 @@ def _way_to(candidate: Candidate, box: TargetBox) -> Floats:
 def _gripper(sheet: MarkerSheet, selection: Selection) -> None:
     """The hand where it closes and where its approach starts; in an ask the nearest, as a warning.
 
-    Its box is 0, edges 1, fingers 2 and 3, pregrasp 4, way in 5, name 6; further boxes of a hand
-    follow from 10, their edges from 30, those of the pregrasp from 50.
+    Its box is 0, edges 1, fingers 2 and 3, pregrasp 4, way in 5, name 6; of each further box of a
+    hand the box, its edges and the pregrasp's follow from 10 on.
     """
     hand = _hand(selection)
     if hand is None:
@@ -223,9 +223,9 @@ def _gripper(sheet: MarkerSheet, selection: Selection) -> None:
     color = BLOCKED if asks else GRIPPER
     for k, solid in enumerate(hand.solids(T)):
         place, size_m = _solid(solid, T)
-        sheet.box(("gripper", 10 + k if k else 0), place, size_m, color, 0.15 if asks else 0.25)
+        sheet.box(("gripper", 7 + 3 * k if k else 0), place, size_m, color, 0.15 if asks else 0.25)
         edge = (color, 1.0, 0.002 if asks else 0.003)
-        sheet.edges(("gripper", 30 + k if k else 1), place, size_m, edge)
+        sheet.edges(("gripper", 8 + 3 * k if k else 1), place, size_m, edge)
     if not hand.gripper.palm:
         for number, finger in enumerate(fingers(T, hand.gripper), start=2):
             sheet.box(("gripper", number), *_solid(finger, T), color, 0.4 if asks else 0.9)
@@ -233,7 +233,7 @@ def _gripper(sheet: MarkerSheet, selection: Selection) -> None:
     if hand.T_base_pregrasp is not None:
         for k, solid in enumerate(hand.solids(hand.T_base_pregrasp)):
             place, size_m = _solid(solid, hand.T_base_pregrasp)
-            sheet.edges(("gripper", 50 + k if k else 4), place, size_m, (color, 0.45, 0.0015))
+            sheet.edges(("gripper", 9 + 3 * k if k else 4), place, size_m, (color, 0.45, 0.0015))
     if hand.approach_m > 0:
         ends = np.array([[-back - hand.approach_m, 0.0, 0.0], [-back, 0.0, 0.0]])
         sheet.arrow(("gripper", 5), transform(T, ends), color, 0.010)

@@ -246,7 +246,9 @@ def _draw_axis(canvas: Canvas, origin: XY, way: XY, name: str) -> None:
         return
     tip = (origin[0] + _AXIS_PX * way[0], origin[1] + _AXIS_PX * way[1])
     canvas.arrow(origin, tip, _FLANGE, head=12.0)
-    canvas.text_beside(tip, f"flange {name}", _FLANGE_WORDS, away=6.0, must=True)
+    said = f"flange {name}"
+    left = text_size(said, _FLANGE_WORDS.size_px)[0] if way[0] < -0.3 else 0
+    canvas.text((tip[0] + (-left - 5 if left else 5), tip[1] - 10), said, _FLANGE_WORDS)
 
 
 def _cm(length_m: float) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,6 +22,7 @@ from boxgrasp.draw.shapes import Hand, corners
 from boxgrasp.draw.text import Lettering
 from boxgrasp.draw.views import View, plan_view
 from boxgrasp.draw.words import facts_of, headline_of, look_of
+from boxgrasp.forks import cached_property
 from boxgrasp.result import Selection
 from boxgrasp.sensing.capture import Capture
 

@@ -9,16 +9,19 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import sys
 import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from multiprocessing import connection, get_context, parent_process, resource_tracker
+from multiprocessing import connection, get_context, parent_process, process, resource_tracker
 from typing import Any, TypeVar
+from weakref import WeakSet
 
 from boxgrasp.errors import WorkError
 from boxgrasp.execution._limits import call_in_worker
+from boxgrasp.forks import drop_in_child
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -31,6 +34,7 @@ class ProcessWorkers:
     def __init__(self, processes: int) -> None:
         self._processes = processes
         self._workers: list[_Worker] = []
+        _pools.add(self)
 
     def run(
         self, function: Callable[[T], R], tasks: Sequence[T]
@@ -73,13 +77,20 @@ class ProcessWorkers:
                 yield from ((index, value) for index, good, value in finished if good)
                 for _, good, value in finished:
                     if not good:
-                        raise value
+                        error, where = value
+                        raise error from _InWorkerError(where)
         finally:
             self._end(self._busy())
 
     def close(self) -> None:
         """End the processes at once; an idle one holds nothing."""
         self._end(self._workers)
+
+    def forget(self) -> None:
+        """Leave the processes to the one that this was forked from; the next tasks start others."""
+        for worker in self._workers:
+            _siblings.discard(worker.process)
+        self._workers = []
 
     def _busy(self) -> list[_Worker]:
         return [worker for worker in self._workers if worker.index >= 0]
@@ -108,6 +119,26 @@ class ProcessWorkers:
         self._workers = [worker for worker in self._workers if worker not in workers]
 
 
+class _InWorkerError(Exception):
+    """The traceback of a worker, as the cause of what is raised here; notes came with 3.11."""
+
+    def __str__(self) -> str:
+        return f"in a worker process:\n{self.args[0]}"
+
+
+# What multiprocessing ends with the interpreter; in a bare fork too, whose children they are not.
+_siblings: set[Any] = getattr(process, "_children", set())
+_pools: WeakSet[ProcessWorkers] = WeakSet()
+
+
+def _forget_pools() -> None:
+    for pool in list(_pools):
+        pool.forget()
+
+
+drop_in_child(_forget_pools)
+
+
 class _Worker:
     """One process and the task it runs, `index` -1 when idle."""
 
@@ -116,7 +147,6 @@ class _Worker:
         self.pipe, far = spawn.Pipe()
         self.index = -1
         self.process = spawn.Process(target=_serve, args=(far,), daemon=True)
-        resource_tracker.ensure_running()  # it would unblock
         with _interrupt_later():
             self.process.start()
         far.close()  # so that the pipe ends with the process
@@ -138,7 +168,8 @@ class _Worker:
         """What came of the task.
 
         Returns:
-            Whether it went well, with the result or the exception; None if the process died.
+            Whether it went well, with the result, or the exception and its traceback; None if the
+            process died.
         """
         try:
             message = self.pipe.recv_bytes()
@@ -164,24 +195,30 @@ def _interrupt_later() -> Iterator[None]:
     Ours is to end the others silently, even while they start. They inherit what is blocked here;
     this process may get the signal in another thread, and must not give up a half-started one.
     """
-    came: list[int] = []
-    is_main = threading.current_thread() is threading.main_thread()
-    handler = signal.getsignal(signal.SIGINT)
-    if is_main:
-        signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    if sys.platform == "win32":  # no signal can be blocked there; `_serve` ignores it
         yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    else:
+        resource_tracker.ensure_running()  # it would unblock
+        came: list[int] = []
+        is_main = threading.current_thread() is threading.main_thread()
+        handler = signal.getsignal(signal.SIGINT)
         if is_main:
-            signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
+            signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            if is_main:
+                signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
+            if came:
+                signal.raise_signal(signal.SIGINT)
 
 
 def _serve(pipe: connection.Connection) -> None:
     """Answer tasks until the parent ends."""
+    if sys.platform == "win32":
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:
@@ -197,12 +234,12 @@ def _answer(message: bytes) -> bytes:
         function, task = pickle.loads(message)
         return pickle.dumps((True, call_in_worker(function, task)), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
-        error.add_note(f"in a worker process:\n{traceback.format_exc()}")
+        where = traceback.format_exc()
         try:
-            answer = pickle.dumps((False, error), pickle.HIGHEST_PROTOCOL)
+            answer = pickle.dumps((False, (error, where)), pickle.HIGHEST_PROTOCOL)
             pickle.loads(answer)  # fails for those with arguments of their own
         except Exception:
-            answer = pickle.dumps((False, RuntimeError(traceback.format_exc())))
+            answer = pickle.dumps((False, (RuntimeError(repr(error)), where)))
         return answer
 
 

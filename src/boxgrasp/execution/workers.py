@@ -7,6 +7,7 @@ BLAS as for the kernels, so that its floats do not depend on how many run side b
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from typing import Protocol, TypeVar
@@ -52,6 +53,18 @@ class _Here:
             yield index, call_here(function, task)
 
 
+def usable_cores() -> int:
+    """How many cores this process may use.
+
+    Returns:
+        1 or more; those of the whole machine where a system (macOS, Windows) does not tell.
+    """
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    else:
+        return os.cpu_count() or 1
+
+
 @contextmanager
 def local_workers(processes: int | None = None) -> Iterator[Workers]:
     """Worker processes, one for each usable core by default; with one, the calling process itself.
@@ -69,7 +82,7 @@ def local_workers(processes: int | None = None) -> Iterator[Workers]:
         WorkError: no process asked for.
         MissingExtraError: threadpoolctl is not installed.
     """
-    count = len(os.sched_getaffinity(0)) if processes is None else processes
+    count = usable_cores() if processes is None else processes
     if count < 1:
         raise WorkError(f"{count} processes; valid: 1 or more")
     threadpool_limits()  # complains here, not in a worker

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
+from boxgrasp.forks import cached_property
 
 # From the support plane to the center of the half sphere round the target (thesis section 3-2).
 CENTER_ABOVE_SUPPORT_M: Final = 0.05

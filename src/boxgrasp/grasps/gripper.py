@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, ClassVar, Final
 
 import numpy as np
@@ -11,6 +10,7 @@ from msgspec import Meta
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, GripperError
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.transforms import make_transform, validate_transform
 
 LEAST_OPENING_M = 0.005  # m: no camera tells a target's sides well enough for a narrower one
@@ -95,7 +95,7 @@ class Gripper:
     T_gripper_tcp: Rows | None = None
     T_flange_gripper: Rows | None = None
 
-    RENAMED: ClassVar = {"reach_past_face_m": "insertion_depth_m"}
+    RENAMED: ClassVar[dict[str, str]] = {"reach_past_face_m": "insertion_depth_m"}
 
     def __post_init__(self) -> None:
         self._validate_sizes()

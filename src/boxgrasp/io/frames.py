@@ -16,6 +16,7 @@ import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import CaptureError, TransformError
+from boxgrasp.forks import held_at_fork
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_of
 from boxgrasp.io.fields import field_of, frame_id_of, stamp_ns, text_of
 
@@ -104,7 +105,7 @@ class TransformBuffer:
             raise TransformError("malformed", f"keep_s is {keep_s}; valid: seconds above 0")
         self._keep_ns = round(keep_s * 1e9)
         self._histories: dict[str, _History] = {}
-        self._changed = threading.Condition()
+        self._changed = held_at_fork(threading.Condition())
 
     def add(self, message: Any, static: bool) -> None:
         """Take the transforms of a message; of one time and frame the last counts.

@@ -6,7 +6,7 @@ import importlib
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -79,18 +79,33 @@ class UrdfFile:
         _refuse_damage(self.path)
         self._said: set[str] = set()
         try:
-            self._model: Any = reader.URDF.load(str(self.path), load_meshes=False)
-            robot = self._model.robot
+            robot = reader.URDF.load(str(self.path), build_scene_graph=False).robot
             self.name = str(robot.name or self.path.stem)
             self._links = {str(link.name): link for link in robot.links}
-            self.joints = {str(joint.child): _joint(joint) for joint in robot.joints}
+            joints = [_joint(joint) for joint in robot.joints]
+            self.links, self.joints = tuple(self._links), {joint.child: joint for joint in joints}
+            self._refuse_loose(joints)
+            self._model: Any = reader.URDF(robot=robot, load_meshes=False)
+        except GripperError:
+            raise
         except Exception as fault:  # the library's own errors are of any kind
             raise GripperError(
                 f"{self.path}: {type(fault).__name__} in reading it: {_line(fault)}; valid: a URDF"
             ) from None
-        self.links = tuple(self._links)
-        if len(self.joints) != len(robot.joints):
-            raise GripperError(f"{self.path}: two joints move one link; valid: a tree of links")
+
+    def _refuse_loose(self, joints: Sequence[Joint]) -> None:
+        """Refuse joints that make no tree of links that are there."""
+        for joint in joints:
+            for link in (joint.parent, joint.child):
+                if link not in self._links:
+                    raise GripperError(
+                        f"{self.path}: joint {joint.name!r} holds {link!r}, which is no link; "
+                        "valid: links that are there"
+                    )
+            if self.joints[joint.child] is not joint:
+                raise GripperError(
+                    f"{self.path}: two joints move {joint.child!r}; valid: a tree of links"
+                )
 
     def validate_link(self, name: str) -> str:
         """Refuse a link that is not there.

@@ -8,6 +8,9 @@ from typing import Any, ParamSpec, TypeVar
 
 import numba
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
+
+from boxgrasp.forks import held_at_fork
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,6 +33,7 @@ class _CompileNotice(event.Listener):
 
 
 event.register("numba:compile", _CompileNotice())
+held_at_fork(global_compiler_lock)
 _cache_warned = False
 _made: list[Any] = []
 

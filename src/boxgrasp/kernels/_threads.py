@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 
+from boxgrasp.forks import drop_in_child
+
 MOST_THREADS = max(1, min(4, os.cpu_count() or 1))  # one frame is too small for more
 # Of the calling thread, so that tasks side by side in one process do not undo each other's.
 _limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=MOST_THREADS)
@@ -17,6 +19,9 @@ _limit: ContextVar[int] = ContextVar("boxgrasp_threads", default=MOST_THREADS)
 @cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(MOST_THREADS, thread_name_prefix="boxgrasp")
+
+
+drop_in_child(_pool.cache_clear)  # its threads are not there, and it would wait for them
 
 
 @contextmanager

@@ -75,7 +75,7 @@ class MappingConfig:
     center_above_support_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = CENTER_ABOVE_SUPPORT_M
     stride: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
 
-    RENAMED: ClassVar = {
+    RENAMED: ClassVar[dict[str, str]] = {
         "hit": "prob_hit",
         "miss": "prob_miss",
         "thin": "stride",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Bools, Floats, Points
 from boxgrasp.errors import CodedWarning, SceneError
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.nearest import nearest

@@ -56,7 +56,7 @@ class SceneConfig:
     min_cluster_size: Annotated[int, Meta(ge=1)] = 20
     workspace_m: tuple[Corner, Corner] | None = None
 
-    RENAMED: ClassVar = {
+    RENAMED: ClassVar[dict[str, str]] = {
         "near_m": "min_range_m",
         "far_m": "max_range_m",
         "lowest_m": "min_height_m",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.table_cells import cell_heights, cell_owners, rows_in_cells
 from boxgrasp.perception.placement import Placement

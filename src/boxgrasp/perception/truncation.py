@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Array, Floats, Points
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.perception.scene import REACH_PX, Scene, TargetWindow

@@ -8,13 +8,13 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from boxgrasp.arrays import Floats, Points
 from boxgrasp.errors import BoxgraspError, ConfigError
+from boxgrasp.forks import cached_property
 from boxgrasp.grasps.candidates import FRONT, LEFT, RIGHT, TOP_PARALLEL, TOP_PERPENDICULAR
 from boxgrasp.ranking.sampling import PORTION_WIDTH_M, is_side, portion
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.kernels.raycast import BALL, BOWL, BOX, CONE, CUP, CYLINDER
 from boxgrasp.simulate.camera import half_size

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from boxgrasp.arrays import Array
 from boxgrasp.errors import ModelError
+from boxgrasp.forks import cached_property
 from boxgrasp.grasps.candidates import LINES, candidates_of
 from boxgrasp.grasps.checks import CheckResult
 from boxgrasp.grasps.gripper import Gripper

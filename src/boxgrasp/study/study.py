@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 from boxgrasp.errors import ConfigError
 from boxgrasp.execution import Store, Workers
+from boxgrasp.forks import cached_property
 from boxgrasp.ranking.model_set import SVMS, ModelSet
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.study.evaluation import Evaluation, model_sets_in

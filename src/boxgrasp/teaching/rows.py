@@ -80,7 +80,7 @@ class RowConfig:
     frames: int = 1
     stride: int | None = None
 
-    RENAMED: ClassVar = {"sights": "target_sources", "thin": "stride"}
+    RENAMED: ClassVar[dict[str, str]] = {"sights": "target_sources", "thin": "stride"}
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:  # the seed's column is int64

@@ -11,7 +11,6 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ import numpy as np
 from boxgrasp.arrays import Array
 from boxgrasp.errors import ConfigError, MissingExtraError
 from boxgrasp.execution import Store, Workers, finish
+from boxgrasp.forks import cached_property
 from boxgrasp.io.npz import save_npz
 from boxgrasp.ranking.model_set import SAMPLINGS
 from boxgrasp.simulate.objects import load_objects

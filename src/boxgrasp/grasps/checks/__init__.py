@@ -71,7 +71,7 @@ class ChecksConfig:
     finger_area_m2: Annotated[float, Meta(ge=0.0, le=0.01)] = 3e-5
     plugins: dict[str, dict[str, Any]] = field(default_factory=dict)
 
-    RENAMED: ClassVar = {
+    RENAMED: ClassVar[dict[str, str]] = {
         "clearance_m": "visible_clearance_m",
         "noise_m": "noise_gain",
         "noise_margin_m": "noise_gain",

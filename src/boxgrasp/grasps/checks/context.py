@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.forks import cached_property
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.grasps.candidates import Candidates

@@ -11,7 +11,7 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from boxgrasp.kernels.mutex import mutex_watershed
 from boxgrasp.kernels.nearest import nearest
 from boxgrasp.kernels.plan import grow
 from boxgrasp.kernels.table_cells import regions
-from boxgrasp.onnx.session import load_file, open_session, record_of
+from boxgrasp.onnx.session import Session, load_file, open_session, record_of
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.segmentation.euclidean import clusters_without_specks
 from boxgrasp.perception.segmentation.protocol import (
@@ -88,7 +88,7 @@ class Network:
     focal_px: float
     cell_px: int
     offsets: tuple[tuple[int, int], ...]
-    _session: Any
+    _session: Session
 
     def probabilities(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
         """What the network says of an image.

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import ModelError
 from boxgrasp.grasps.candidates import label_of
-from boxgrasp.onnx.session import load_file, open_session, record_of
+from boxgrasp.onnx.session import Session, load_file, open_session, record_of
 from boxgrasp.ranking.onnx.record import Record, from_json
 
 Classes = NDArray[np.int64]
@@ -41,7 +40,7 @@ class Model:
     """
 
     record: Record
-    _session: Any
+    _session: Session
 
     @property
     def classes(self) -> tuple[int, ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
+from boxgrasp.forks import cached_property
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, difference, share
 from boxgrasp.study.report import Claim, Verdict
