@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,14 +16,15 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
 from boxgrasp import Capture, GraspSelector, Selection, __version__, load_capture
 from boxgrasp.cli import COMMANDS, command_parser, main
+from boxgrasp.cli._arguments import picture_places
 from boxgrasp.config import config_hash, load_config
-from boxgrasp.grasps.checks.check import spelled
+from boxgrasp.execution.progress import progress
+from boxgrasp.grasps.candidates import line_name
+from boxgrasp.grasps.checks.check import measured, spelled
 from boxgrasp.result import JSON_SCHEMA_PATH
 from boxgrasp.simulate import demo_capture
 
@@ -91,9 +94,23 @@ def test_no_command_shows_the_commands(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("slect x", "invalid choice: 'slect'"),
+        ("slect x", "invalid choice: 'slect'; valid: select, objects, "),
+        ("slect x", "; did you mean select?"),
+        ("objekts", "; did you mean objects?"),
+        ("xyz", "reproduce, completion\n"),
         ("select", "required: CAPTURE"),
-        ("select a --jsn", "unrecognized arguments: --jsn"),
+        ("select --targets nowhere.txt", "nowhere.txt: No such file"),
+        ("select a --targets b", "--targets and CAPTURE a are given; valid: one of them"),
+        ("select --targets b --object 1", "--targets and a target are given; valid: one of them"),
+        ("select a --jsn", "unrecognized arguments: --jsn; did you mean --json?"),
+        ("explain a --pixl=3", "unrecognized arguments: --pixl=3; did you mean --pixel?"),
+        ("select a --choosr x", "unrecognized arguments: --choosr x\n"),
+        ("demo --cloud-frame bsae", "; did you mean base?"),
+        ("demo --seed -1", "seed is -1; valid: 0 or more"),
+        ("select a -v -q", "not allowed with argument -"),
+        ("-v select a -q", "not allowed with argument -v"),
+        ("completion", "required: SHELL"),
+        ("completion csh", "invalid choice: 'csh'; valid: bash, zsh, fish"),
         ("select a --pixel 1", "argument --pixel: expected 2 arguments"),
         ("select a --pixel 1 x", "invalid int value: 'x'"),
         ("select a --pixel 1 2 --object 3", "not allowed with argument"),
@@ -134,26 +151,6 @@ def test_mistakes_are_one_line_and_status_2(
     assert said in one_line(capsys)
 
 
-WORDS = st.sampled_from(
-    [*COMMANDS, "--json", "--pixel", "--point", "--object", "--mask", "--scan", "--config", "--"]
-    + ["--faces", "--picture", "--gripper", "--ranker", "--octomap", "--cloud-frame", "-v", "-"]
-    + ["--masks", "--chooser"]
-    + ["1", "-1", "nan", "1e999", "front", "gone.npz", "", " ", "\n", "=", "--pixel=1", "base"]
-)
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(command=st.sampled_from(["select", "objects", "explain", "show"]), words=st.lists(WORDS))
-def test_any_words_give_lines_and_status_2(
-    command: str, words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    capsys.readouterr()
-    assert main([command, *words]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert errors and all(line.startswith("boxgrasp: ") for line in errors), errors
-    assert "internal error" not in "".join(errors)
-
-
 def test_select_json_holds_the_schema(table: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["select", "--json", table]) == 0
     shown = capsys.readouterr()
@@ -184,7 +181,7 @@ def test_python_and_command_line_agree(
 
 
 def test_summary_for_people(table: str, view: Capture, capsys: pytest.CaptureFixture[str]) -> None:
-    """Capture, status and headline; pose; how many pass; nothing that the answer does not hold."""
+    """Capture, status and headline; pose or target; how many pass; all from the answer."""
     for config, words in (({}, []), ({"candidates": {"faces": ["left"]}}, ["--faces", "left"])):
         answer = GraspSelector(config).select(view)
         assert main(["select", table, *words]) == 0
@@ -192,8 +189,9 @@ def test_summary_for_people(table: str, view: Capture, capsys: pytest.CaptureFix
         first, *pose, count = shown.out.splitlines()
         assert first == f"{table}: {answer.status}: {answer.headline()}" and shown.err == ""
         assert count == f"  {len(answer.passing)} of 15 candidates pass, ordered by clearance"
-        told = [] if answer.grasp is None else [*answer.grasp.position_m.round(3)]
-        assert [float(word) for word in " ".join(pose).split()[2:5]] == told
+        told = answer.box.T_base_box[:3, 3] if answer.grasp is None else answer.grasp.position_m
+        assert [float(word) for word in pose[0].split()[2:5]] == [*told.round(3)]
+        assert len(pose) == 1 and pose[0].endswith(f"{answer.frame} frame")
 
 
 def test_summary_says_what_an_unchecked_grasp_lacks(
@@ -272,7 +270,7 @@ def test_objects_and_their_numbers(
     assert main(["objects", table]) == 0
     lines = capsys.readouterr().out.splitlines()
     objects = GraspSelector().objects(view)
-    assert lines[0] == f"{table}: {len(objects)} objects; meters, base frame"
+    assert lines[0] == f"{table}: {len(objects)} objects; meters, given frame"
     assert [int(line.split()[0]) for line in lines[2:]] == [item.number for item in objects]
     for item in objects:
         assert main(["select", "--json", table, "--object", str(item.number)]) == 0
@@ -313,7 +311,7 @@ def test_objects_as_json_and_masks(
     shown = capsys.readouterr()
     assert [set(line) == {"capture", "error"} for line in answers(shown.out)] == [0, 1, 0]
     assert shown.err.count("\n") == 1 and "gone.npz: " in shown.err
-    assert {path.name for path in tmp_path.iterdir()} == {"masks_1.png", "masks_3.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"masks_table_1.png", "masks_table_3.png"}
     assert main(["objects", table, "--masks", str(tmp_path / "masks.jpg")]) == 2
     assert "masks.jpg has suffix '.jpg'; valid: .png" in one_line(capsys)
 
@@ -419,10 +417,11 @@ def test_explain_shows_what_every_check_says(
     for candidate, row in zip(answer.candidates, checks.splitlines()[-15:], strict=True):
         cells = re.split(r"  +", row.strip())
         said = [
-            spelled(value.value, value.unit) + "*" * (not value.passed)
+            measured(value.value, value.unit) + "*" * (not value.passed)
             for value in candidate.checks.values()
         ]
-        names = [str(candidate.label), candidate.face_name, str(candidate.line)]
+        lies = line_name(candidate.face, candidate.line, 3)
+        names = [str(candidate.label), candidate.face_name, f"{candidate.line} {lies}"]
         chosen = answer.grasp is not None and candidate.label == answer.grasp.label
         result = "chosen" if chosen else "passes" if candidate.passed else "rejected"
         assert cells == [*names, str(candidate.rank), *said, result]
@@ -458,10 +457,209 @@ def test_pictures(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert main(["select", table, "--picture", str(out)]) == 0
     assert main(["select", table, table, "--picture", str(out)]) == 0
     assert main(["objects", table, "--picture", str(tmp_path / "objects.png")]) == 0
-    for name in ("out.png", "out_1.png", "out_2.png", "objects.png"):
+    names = {"out.png", "out_table_1.png", "out_table_2.png", "objects.png"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    for name in names:
         with Image.open(tmp_path / name) as image:
             assert image.width > 300
-    assert out.read_bytes() == (tmp_path / "out_1.png").read_bytes()
+    assert out.read_bytes() == (tmp_path / "out_table_1.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("captures", "names"),
+    [
+        (["a.npz"], ["out"]),
+        (["a.npz", "b/c.d.pcd"], ["out_a", "out_c.d"]),
+        (["a.npz", "b/a.pcd", "c.npz"], ["out_a_1", "out_a_2", "out_c"]),
+        (["a.npz", "b/a.pcd", "a_1.npz"], ["out_a_1_1", "out_a_2", "out_a_1_3"]),
+        (["scene.1", "scene.2"], ["out_scene.1", "out_scene.2"]),
+    ],
+)
+def test_pictures_are_named_after_their_captures(
+    captures: list[str], names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("scene.1", "scene.2"):
+        (tmp_path / folder).mkdir()
+    places = picture_places("x/out.png", captures)
+    assert [str(place) for place in places] == [f"x/{name}.png" for name in names]
+
+
+def test_targets_from_a_file(
+    table: str, view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each line its own answer, in order; a line that fails has its line; paths beside the file."""
+    assert view.target_pixel is not None and view.depth is not None
+    u, v = view.target_pixel
+    mask = np.zeros(view.depth.shape, np.uint8)
+    mask[v - 4 : v + 5, u - 4 : u + 5] = 255
+    Image.fromarray(mask).save(tmp_path / "my mask.png")
+    os.symlink(table, tmp_path / "table.npz")
+    told = ["table.npz", "table.npz --object 2", f"table.npz --pixel {u} {v}", "gone.npz"]
+    told += ["table.npz --object 99", "table.npz --mask 'my mask.png'", f"{table} --point 9 9 9"]
+    file = tmp_path / "targets.txt"
+    file.write_text("# what is wanted\n\n" + "\n".join(told) + "\n")
+    words = ["--targets", str(file), "--faces", "front,top-parallel,top-perpendicular"]
+    assert main(["select", "--json", *words]) == 2
+    shown = capsys.readouterr()
+    found = answers(shown.out)
+    assert ["error" in answer for answer in found] == [*(False,) * 3, True, True, False, True]
+    assert found[3]["capture"] == "gone.npz"
+    linked = str(tmp_path / "table.npz")
+    assert found[4] == {"capture": linked, "error": "no object 99; valid: 1 to 8"}
+    assert shown.err.count("\n") == 3 and "table.npz --object 99: no object 99" in shown.err
+    targets = ([], ["--object", "2"], ["--pixel", str(u), str(v)])
+    for answer, target in zip(found, targets, strict=False):
+        assert main(["select", "--json", table, *words[2:], *target]) == 0
+        (alone,) = answers(capsys.readouterr().out)
+        for name in ("capture", "timings_ms"):
+            answer.pop(name), alone.pop(name)
+        assert answer == alone
+    file.write_text("\n".join(told[1:4]))
+    assert main(["select", *words, "--picture", str(tmp_path / "out.png")]) == 2
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("table.npz --object 2: ") for line in lines)
+    drawn = {path.name for path in tmp_path.glob("out*")}
+    assert drawn == {"out_table_1.png", "out_table_2.png"}
+    assert main(["explain", *words]) == 2
+    assert capsys.readouterr().out.count("\nlabel  face ") == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no lines; valid: a capture and target a line"),
+        ("# all\n\n", "no lines"),
+        (
+            "a.npz\nb.npz --pixel 1",
+            "line 2: argument --pixel: expected 2 arguments; valid: CAPTURE",
+        ),
+        (
+            "a.npz --pixel 1 2 --object 3",
+            "line 1: argument --object: not allowed with argument --pix",
+        ),
+        ("a.npz b.npz", "line 1: unrecognized arguments: b.npz"),
+        ("a.npz --objct 3", "line 1: unrecognized arguments: --objct 3"),
+        ("--object 3", "line 1: the following arguments are required: CAPTURE"),
+        ("a.npz --mask 'm", "line 1: No closing quotation"),
+        ("\udcff", "not text"),
+    ],
+)
+def test_faulty_files_of_targets(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "targets.txt"
+    file.write_text(text, "utf-8", errors="surrogateescape")
+    assert main(["explain", "--targets", str(file)]) == 2
+    assert said in one_line(capsys)
+
+
+def test_quiet_leaves_answers_and_errors(table: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither hints nor the notice of compiling."""
+    for line in (["-q", "select", table, "gone.npz"], ["select", table, "gone.npz", "--quiet"]):
+        assert main(line) == 2
+        shown = capsys.readouterr()
+        assert shown.out.startswith(f"{table}: grasp: ") and shown.err.count("\n") == 1
+    code = "import sys; from boxgrasp.cli import main\n"
+    code += "import logging; log = logging.getLogger('boxgrasp.kernels')\n"
+    code += "import boxgrasp.cli.config as c; run = c.run\n"
+    code += "c.run = lambda args: (log.warning('compiling'), run(args))[1]\n"
+    code += "sys.exit(main(sys.argv[1:]))"
+    for words, errors in (("config", "boxgrasp.kernels: compiling\n"), ("config -q", "")):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words.split()], capture_output=True, text=True
+        )
+        assert done.returncode == 0 and done.stderr == errors
+
+
+def test_quiet_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
+    logger = logging.getLogger("boxgrasp")
+    before = logger.level
+    for level, lines in ((logging.WARNING, 1), (logging.ERROR, 0)):
+        logger.setLevel(level)
+        with progress("work", 1, 0) as step:
+            step()
+        assert capsys.readouterr().err.count("\n") == lines
+    logger.setLevel(before)
+
+
+def test_explain_as_json_is_the_answer(table: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = []
+    for command in ("select", "explain"):
+        assert main([command, "--json", table, "gone.npz"]) == 2
+        answer, error = answers(capsys.readouterr().out)
+        answer.pop("timings_ms")
+        assert set(error) == {"capture", "error"}
+        told.append(answer)
+    assert told[0] == told[1]
+
+
+def test_a_fault_outside_a_batch_is_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("of\nours")
+
+    monkeypatch.setattr("boxgrasp.cli.config.run", fail)
+    assert main(["config"]) == 2
+    assert one_line(capsys) == "boxgrasp: internal error: ZeroDivisionError: of ours\n"
+    assert main(["config", "-v"]) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+def completions(line: str, tmp_path: Path) -> set[str]:
+    """What a shell is told may follow a line."""
+    out = tmp_path / "completions"
+    asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
+    asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(out), "_ARGCOMPLETE_IFS": "\n"}
+    subprocess.run(BOXGRASP, env=os.environ | asked, cwd=tmp_path, check=True, capture_output=True)
+    return set(out.read_text().split("\n"))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("boxgrasp exp", {"explain "}),
+        ("boxgrasp s", {"select", "show", "simulate"}),
+        ("boxgrasp -q objects --ma", {"--masks "}),
+        ("boxgrasp select --ranker si", {"single-spiral", "single-grid"}),
+        ("boxgrasp select --cloud-frame ", {"optical", "base"}),
+        ("boxgrasp select ", {"table.npz", "folder/"}),
+        ("boxgrasp select --pixel ", {""}),
+    ],
+)
+def test_a_shell_completes(line: str, words: set[str], tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete", reason="extra completion")
+    for name in ("table.npz", "notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder").mkdir()
+    assert completions(line, tmp_path) == words
+
+
+def test_bash_completes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The lines that are printed, run by bash as the tab key runs them."""
+    pytest.importorskip("argcomplete", reason="extra completion")
+    if shutil.which("bash") is None:
+        pytest.skip("no bash")
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out + (
+        "COMP_WORDS=(boxgrasp sel); COMP_CWORD=1; COMP_LINE='boxgrasp sel'; COMP_POINT=12\n"
+        'COMP_TYPE=9; _python_argcomplete boxgrasp sel boxgrasp; echo "${COMPREPLY[@]}"\n'
+    )
+    folder = str(Path(sys.executable).parent)
+    environment = os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-c", script], env=environment, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["select"], done.stderr
+
+
+def test_completion_without_its_extra(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "argcomplete", None)
+    assert main(["completion", "bash"]) == 2
+    assert "needs argcomplete; install with: pip install 'boxgrasp[completion]'" in one_line(capsys)
 
 
 def test_show_draws_the_same_again(

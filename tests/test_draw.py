@@ -29,13 +29,14 @@ from boxgrasp.draw.planar import clip_to, dashes, hull
 from boxgrasp.draw.shapes import EDGES, Hand, contact_line, corners, face_point, fingers
 from boxgrasp.draw.text import Lettering, fit, text_size, wrap
 from boxgrasp.draw.views import Extent, camera_view, oblique_frame, plan_view
-from boxgrasp.draw.words import facts_of, headline_of, look_of, measured
+from boxgrasp.draw.words import facts_of, headline_of, look_of
 from boxgrasp.errors import BoxgraspError, CodedWarning
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, rotation_z, transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, Witness
+from boxgrasp.grasps.checks.check import measured
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.io.images import write_object_image
 from boxgrasp.perception import support_plane
@@ -836,7 +837,7 @@ def test_words_say_the_answers_data() -> None:
     assert ("Nearest", "candidate 1, left line 1") in facts_of(ask)
     warned = CodedWarning("target_cut", "the border cuts the target")
     assert ("Warning", warned.message) in facts_of(dataclasses.replace(grasp, warnings=(warned,)))
-    assert measured(0.5, "m") == "50.0 cm or more" and measured(0.04, "m") == "4.0 cm"
+    assert measured(0.5, "m") == "at least 50 cm" and measured(0.04, "m") == "4.0 cm"
 
 
 @pytest.mark.parametrize("name", ["visible_clearance", "plane_clearance", "a_users_own"])

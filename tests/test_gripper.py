@@ -119,6 +119,19 @@ def test_swinging_fingers_need_more_room_over_the_plane() -> None:
     assert hand(closing_advance_m=0.02, opening_m=0.04).advance_m(np.array([0.04]))[0] == 0.0
 
 
+def test_a_deep_hand_goes_less_deep_into_what_is_low() -> None:
+    """Down to 6 mm over the plane, and a centimeter past the face at least."""
+    T = look_at((0.1, 0.0, 0.75), (0.8, 0.0, 0.05))
+    for high, tip in ((0.025, 0.006), (0.013, 0.003), (0.08, 0.04)):
+        low = SolidBox(upright(0.8, 0.0, high / 2), np.array((0.06, 0.04, high)), object_id=1)
+        view = cast([Plane(0.0), low], K, T)
+        selector = GraspSelector({"gripper": plain(hand(insertion_depth_m=0.04))})
+        capture, mask = Capture(view.depth, K, T), view.object_ids == 1
+        found = selector.analyze(capture, Target(mask=mask)).context.candidates
+        tips = found.T_base_gripper[found.face >= 4] @ (0.06, 0.0, 0.0, 1.0)
+        np.testing.assert_allclose(tips[:, 2], tip, atol=2e-3)
+
+
 def random_hand(rng: np.random.Generator) -> Gripper:
     """Any hand that may be: one to three palm boxes, one or two a finger."""
     front, tip, gap = rng.uniform(0.03, 0.1), rng.uniform(0.14, 0.2), rng.uniform(0.02, 0.06)

@@ -30,6 +30,12 @@ OPENING_MM = {
     "stretch-gripper": 90.0,  # open_aperture_m
     "xarm-gripper": 84.0,  # set_gripper_g2_position; the fingers of the model leave 89
 }
+# The arms that swing the fingers: mm along y and x at full opening, and by how many rad they turn.
+ARMS = {
+    "robotiq-2f-85": (37.6, 43.0, 0.8),
+    "robotiq-2f-140": (64.66, 76.28, 0.7),
+    "xarm-gripper": (35.465, 42.039, 0.85),
+}
 AHEAD_MM = {"franka-hand": -26.0, "stretch-gripper": 21.0}
 HANDS = sorted(MEASURED)
 
@@ -111,6 +117,17 @@ def test_sizes_and_opening_are_the_model_s(name: str) -> None:
     assert gap >= OPENING_MM[name] - 0.5
     if name != "xarm-gripper":
         assert gap == pytest.approx(OPENING_MM[name], abs=BAR_MM)
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_closing_fingertips_go_as_far_as_their_arms_turn(name: str) -> None:
+    said = 1000 * load_gripper(name).closing_advance_m
+    if name in ARMS:
+        y, x, turn = ARMS[name]
+        angles = np.arctan2(x, y) + np.linspace(0.0, turn, 100)
+        assert said == pytest.approx(np.hypot(x, y) * np.sin(angles).max() - x, abs=1.0)
+    else:
+        assert said == (3.0 if name == "stretch-gripper" else 0.0)
 
 
 @pytest.mark.parametrize("name", HANDS)

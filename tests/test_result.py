@@ -296,7 +296,7 @@ def test_an_answer_tells_itself_in_a_line_and_in_a_paragraph() -> None:
     assert grasp.grasp is not None and ask.refusal is not None
     name = f"{grasp.grasp.face_name} line {grasp.grasp.line}"
     assert repr(grasp).startswith(f"Selection(grasp: {name}, ")
-    assert grasp.grasp.clearance_m == 0.5 and ", 50.0 cm or more clear, " in grasp.summary()
+    assert grasp.grasp.clearance_m == 0.5 and ", at least 50 cm clear, " in grasp.summary()
     near = GraspSelector().select(
         seen(laid(item("green_cube", 0.85, 0.0), item("mug", 0.8, 0.2)), 0)
     )

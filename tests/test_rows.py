@@ -142,6 +142,39 @@ def test_a_set_goes_on_where_it_stopped_and_refuses_other_settings(tmp_path: Pat
             make_set(store, "", other, workers, "")
 
 
+def test_a_set_grows_to_the_bytes_of_one_made_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("boxgrasp.teaching.sets.PART_ROWS", 3)
+
+    def grown(*counts: int) -> dict[str, bytes]:
+        folder = tmp_path / "-".join(map(str, counts))
+        with local_workers(1) as workers:
+            for count in counts:
+                make_set(Store(folder), "", SetConfig(CONFIG, count), workers, "")
+        return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    whole = grown(7)
+    assert set(whole) == {"set.json", *(f"part-0000{k}.parquet" for k in range(3))}
+    assert grown(1, 3, 4, 5, 7) == whole
+    store, small = Store(tmp_path / "7"), SetConfig(CONFIG, 6)
+    with local_workers(1) as workers:
+        with pytest.raises(ConfigError, match="a set of 7, 6 are asked for; valid: 7 or more"):
+            make_set(store, "", small, workers, "")
+        other = SetConfig(replace(CONFIG, seed=12), 8)
+        with pytest.raises(ConfigError, match="seed is 11 there, 12 now"):
+            make_set(store, "", other, workers, "")
+    assert {name: store.read(name) for name in whole} == whole
+    # A growth to 8 that was killed before set.json told of it: seen to be unfinished, and mended.
+    store, name = Store(tmp_path / "1-3-4-5-7"), "part-00002.parquet"
+    store.write(name, part((CONFIG, range(6, 8))))
+    with pytest.raises(ConfigError, match="holds 8 rows; valid: 7 as in its set.json"):
+        read_set(store)
+    with local_workers(1) as workers:
+        make_set(store, "", SetConfig(CONFIG, 7), workers, "")
+    assert {name: store.read(name) for name in whole} == whole
+
+
 def test_joined_rows_follow_each_other(rows) -> None:
     both = joined([rows.take(np.arange(2)), rows.take(np.arange(2, 6))])
     assert np.array_equal(both["number"], rows["number"])

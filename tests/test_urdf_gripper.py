@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -96,7 +97,7 @@ def assert_two(hand: Gripper) -> None:
     assert_box(finger, (0.08, 0.14), (0.04, 0.05), (-0.01, 0.01))
     assert hand.max_opening_m == pytest.approx(0.08)
     assert (hand.length_m, hand.width_m) == pytest.approx((0.14, 0.12))
-    assert hand.thickness_m == pytest.approx(0.04)
+    assert hand.thickness_m == pytest.approx(0.04) and hand.closing_advance_m == 0.0
 
 
 # What is exact.
@@ -165,6 +166,9 @@ def test_swinging_fingers_stand_at_the_open_end(tmp_path: Path) -> None:
     free = 2 * (0.01 + (length - 0.02 / c) * s)
     assert hand.max_opening_m == pytest.approx(free, abs=2 * SLICE_M * s + 2e-3)
     assert len(hand.palm) > 1, "the rest of the bars counts to the palm"
+    # They meet 0.1 rad inward, where an outer corner of a bar is foremost.
+    foremost = length * np.cos(0.1) + 0.01 * np.sin(0.1)
+    assert hand.closing_advance_m == pytest.approx(foremost - length * c, abs=3e-4)
     assert all(box.y_m[0] >= hand.max_opening_m / 2 - 1e-4 for box in hand.finger)
 
 
@@ -290,6 +294,11 @@ def test_prefixes_that_nobody_declares_are_read_over(tmp_path: Path) -> None:
             {"more": joint("fixed", "palm", "thumb")},
             "joint 'thumb_joint' holds 'thumb', which is no link",
         ),
+        ({"left": link("left", shape('<box size="0.1 0.1"/>'))}, "geometry of 'left': Extents"),
+        ({"left": link("left", box((0.1, 0.1, np.nan)))}, "geometry of 'left' is not finite"),
+        ({"left": link("left", shape(""))}, "IndexError in reading it"),
+        ({"left_joint": joint("prismatic", "palm", "left", "0 0 0")}, "axis of left_joint is [0.0"),
+        ({"flange_joint": joint("fixed", "flange", "palm", xyz="0 0 inf")}, "origin of palm_joint"),
         ({"left_joint": PARTS["left_joint"].replace("0.04", "wide")}, "could not convert string"),
     ],
 )  # fmt: skip
@@ -299,6 +308,43 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, changes: dict[str, str], said
         read(write(tmp_path, **changes))
     assert said in str(error.value) and "\n" not in str(error.value)
     assert str(tmp_path) in str(error.value)
+
+
+WORDS = st.sampled_from(
+    [
+        "",
+        "0",
+        "-1",
+        "nan",
+        "1e999",
+        "abc",
+        "palm",
+        "left",
+        "fixed",
+        "revolute",
+        "planar",
+        "0 0",
+        "<",
+    ]
+)
+
+
+@settings(deadline=None, max_examples=40)
+@given(changes=st.lists(st.tuples(st.integers(0, 10**6), WORDS), min_size=1, max_size=3))
+def test_any_change_of_a_urdf_gives_a_hand_or_a_line(
+    changes: list[tuple[int, str]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = write(tmp_path_factory.mktemp("changed"))
+    text = path.read_text("utf-8")
+    for place, word in changes:
+        values = list(re.finditer(r'"[^"]*"', text))
+        match = values[place % len(values)]
+        text = f'{text[: match.start()]}"{word}"{text[match.end() :]}'
+    path.write_text(text, "utf-8")
+    try:
+        assert isinstance(read(path), Gripper)
+    except GripperError as error:
+        assert "\n" not in str(error) and str(path.parent) in str(error)
 
 
 def test_flange_that_moves_is_refused(tmp_path: Path) -> None:

@@ -58,6 +58,7 @@ NOT_RUN = {
     r"(docker|podman) ": "needs a container engine",
     r"(ros2|rosdep|colcon|source|cd ~/ws|/usr/bin/python3 -m pip)\b": "needs ROS 2",
     r"boxgrasp (select BAG|gripper from-urdf panda\.urdf)\b": "stands for a file of yours",
+    r"(eval .*)?boxgrasp completion\b": "a line for a shell's settings",
     r"make ": "this is run by `make test`",
     r"python -m (build|twine)|git (tag|push)": "makes a release",
 }
@@ -233,7 +234,7 @@ def _option_fault(command: str) -> str | None:
     """Why the parser of `boxgrasp` would refuse a command that is not run."""
     from boxgrasp.cli import COMMANDS, command_parser
 
-    words = shlex.split(command, comments=True)
+    words = shlex.split(re.split(r" [|>] ", command)[0], comments=True)
     if words[0] != "boxgrasp":
         return None
     if words[1] not in COMMANDS:

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
-from os import fspath
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from boxgrasp.errors import ConfigError, GripperError
+from boxgrasp.errors import ConfigError, GripperError, require
 from boxgrasp.grasps.candidates import CandidatesConfig
 from boxgrasp.grasps.checks import ChecksConfig
 from boxgrasp.grasps.gripper import Gripper
@@ -22,7 +23,7 @@ from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.box_fit import BoxConfig
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.ranking.ranker import SHIPPED, ranker_names
-from boxgrasp.strict import Source, build, parse_yaml, plain, read_yaml, to_yaml
+from boxgrasp.strict import Source, build, parse_yaml, plain, read_yaml, to_yaml, validate_types
 
 _HANDS: Final = resources.files("boxgrasp.grasps") / "hands"  # a YAML file each
 
@@ -64,6 +65,7 @@ class Config:
     }
 
     def __post_init__(self) -> None:
+        validate_types(self, "configuration", ConfigError)
         if self.ranker not in SHIPPED and self.ranker not in ranker_names():
             raise ConfigError(f"unknown ranker: {self.ranker}; valid: {', '.join(ranker_names())}")
 
@@ -87,6 +89,8 @@ def load_config(source: Config | Mapping[str, Any] | Source | None = None) -> Co
         return build(Config, plain(source), "configuration", ConfigError)
     if isinstance(source, Mapping):
         return build(Config, _with_hand(source), "configuration", ConfigError)
+    valid = "a YAML file's path, names and values, a Config, or None"
+    require(source, (str, PathLike), "configuration", valid, ConfigError)
     return build(Config, _with_hand(read_yaml(source, ConfigError)), fspath(source), ConfigError)
 
 
@@ -120,14 +124,18 @@ def load_gripper(source: Source) -> Gripper:
     Raises:
         GripperError: as `load_config`, and where the gripper cannot hold anything.
     """
+    valid = "a name, or a YAML file's path"
+    require(source, (str, PathLike), "gripper", valid, GripperError)
     if str(source) in gripper_names():
         text = (_HANDS / f"{source}.yaml").read_text(encoding="utf-8")
         return build(
             Gripper, parse_yaml(text, str(source), GripperError), str(source), GripperError
         )
-    if not Path(source).suffix and not Path(source).exists():
+    if not Path(source).suffix and not os.path.exists(source):
         names = ", ".join(gripper_names())
-        raise GripperError(f"unknown gripper: {fspath(source)}; valid: {names}, or a YAML file")
+        raise GripperError(
+            f"unknown gripper: {' '.join(fspath(source).split())}; valid: {names}, or a YAML file"
+        )
     data = read_yaml(source, GripperError)
     if isinstance(data, dict):
         data.setdefault("name", Path(source).stem)
@@ -143,6 +151,7 @@ def dump_config(config: Config) -> str:
     Returns:
         YAML that `load_config` reads back.
     """
+    require(config, Config, "configuration", "a Config", ConfigError)
     return to_yaml(plain(config))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 TransformCode = Literal["unknown_frame", "not_connected", "too_old", "too_new", "malformed"]
 
@@ -84,3 +84,53 @@ class StoreError(BoxgraspError):
 
 class WorkError(BoxgraspError):
     """Workers cannot be started, reached, or kept alive."""
+
+
+_LONGEST = 60  # characters of a value in a message
+
+
+def shown(value: Any) -> str:
+    """A value in a message: short, on one line.
+
+    Args:
+        value: anything that a caller handed over.
+
+    Returns:
+        Plain values and short lists of them as Python writes them; of anything else its type.
+    """
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    parts = value if isinstance(value, list | tuple) else (value,)
+    if len(parts) <= 4 and all(isinstance(part, _PLAIN) for part in parts):
+        try:
+            text = repr(value)
+        except ValueError:  # more digits than Python writes
+            text = "a number of thousands of digits"
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+    return f"of type {type(value).__name__}"
+
+
+_PLAIN = (bool, int, float, str, type(None))
+
+
+def require(
+    value: Any,
+    kinds: type | tuple[type, ...],
+    name: str,
+    valid: str,
+    error: type[BoxgraspError] = BoxgraspError,
+) -> None:
+    """Refuse what is not of a type.
+
+    Args:
+        value: anything that a caller handed over.
+        kinds: that it may be of.
+        name: of the value.
+        valid: what it may be, in words.
+        error: of which class the refusal is.
+
+    Raises:
+        BoxgraspError: of that class.
+    """
+    if not isinstance(value, kinds):
+        raise error(f"{name} is {shown(value)}; valid: {valid}")

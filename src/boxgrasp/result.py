@@ -14,12 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from boxgrasp.arrays import Floats, readonly
-from boxgrasp.errors import BoxgraspError, CodedWarning
+from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning, require, shown
 from boxgrasp.forks import cached_property
-from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.grasps.candidates import face_name
-from boxgrasp.grasps.checks.check import Rejection, spelled
+from boxgrasp.grasps.checks.check import Rejection, measured, spelled
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.strict import build
@@ -241,7 +240,11 @@ class Selection:
 
         Returns:
             A copy.
+
+        Raises:
+            CaptureError: it is none.
         """
+        require(capture, Capture, "capture", "a Capture", CaptureError)
         answer = replace(self)
         object.__setattr__(answer, "_seen", capture)
         return answer
@@ -273,8 +276,10 @@ class Selection:
         Raises:
             BoxgraspError: there is none.
         """
-        if not 1 <= label <= len(self.candidates):
-            raise BoxgraspError(f"no candidate {label}; valid: 1 to {len(self.candidates)}")
+        number: Any = label
+        known = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        if not known or not 1 <= label <= len(self.candidates):
+            raise BoxgraspError(f"no candidate {shown(label)}; valid: 1 to {len(self.candidates)}")
         return self.candidates[label - 1]
 
     @property
@@ -295,7 +300,7 @@ class Selection:
         clear = self.grasp.clearance_m
         return (
             f"{self.candidate(self.grasp.label).name}, "
-            + ("" if clear is None else f"{_clear(clear)} clear, ")
+            + ("" if clear is None else f"{measured(clear, 'm')} clear, ")
             + f"opening {spelled(self.grasp.opening_m, 'm')}"
         )
 
@@ -362,6 +367,7 @@ class Selection:
         Raises:
             BoxgraspError: not JSON, another schema, or missing, unknown or wrong fields.
         """
+        require(text, str, "answer", "a line of JSON")
         try:
             data = json.loads(text)
         except (ValueError, RecursionError):
@@ -375,11 +381,6 @@ class Selection:
         if found != SCHEMA or isinstance(found, bool):
             raise BoxgraspError(f"not an answer: schema is {found!r}; valid: {SCHEMA}")
         return _selection(data)
-
-
-def _clear(distance_m: float) -> str:
-    """A clearance in words, at the cap too."""
-    return f"{spelled(CAP_M, 'm')} or more" if distance_m >= CAP_M else spelled(distance_m, "m")
 
 
 # What JSON tells of a class, in this order, where it is more than the fields; of others the fields.

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from boxgrasp.arrays import readonly
 from boxgrasp.config import Config, load_config, loaded_hash
-from boxgrasp.errors import CodedWarning, ConfigError
+from boxgrasp.errors import (
+    BoxgraspError,
+    CaptureError,
+    CodedWarning,
+    ConfigError,
+    MapError,
+    SceneError,
+    TargetError,
+    require,
+    shown,
+)
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
 from boxgrasp.grasps.candidates import FACES, Candidates, candidates_of
@@ -21,7 +31,7 @@ from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_chec
 from boxgrasp.grasps.checks.check import validate_check, validate_result
 from boxgrasp.grasps.refinement import moved_to_surface
 from boxgrasp.kernels import rvl
-from boxgrasp.mapping.local_map import LocalMap
+from boxgrasp.mapping.local_map import LocalMap, MappingConfig
 from boxgrasp.mapping.octomap_leaves import MapCells, map_from_octomap
 from boxgrasp.mapping.ray_insertion import build_local_map
 from boxgrasp.mapping.unseen_space import NO_MAP_OBSTACLES, MapObstacles, unexplained_cells
@@ -45,6 +55,7 @@ from boxgrasp.ranking.ranker import (
 )
 from boxgrasp.result import Candidate, CheckValue, Grasp, Refusal, Selection, TargetBox
 from boxgrasp.sensing.capture import Capture
+from boxgrasp.strict import build
 from boxgrasp.version import __version__
 
 OnStage = Callable[[str], None]
@@ -137,8 +148,9 @@ class GraspSelector:
             else validate_ranker(ranker).prepared(setup)
         )
         own = _checks_of(self.config) if checks is None else checks
+        require(own, (list, tuple), "checks", "a list of checks, or None", ConfigError)
         self.checks = tuple(validate_check(check) for check in own)
-        self._map_resolutions_m = tuple(map_resolutions_m)
+        self._map_resolutions_m = _validated_resolutions(map_resolutions_m)
         names = [check.name for check in self.checks]
         if len(set(names)) < len(names):
             raise ConfigError(f"checks are named {', '.join(names)}; valid: each name once")
@@ -167,6 +179,7 @@ class GraspSelector:
         Raises:
             SceneError: no support plane, nothing on it, or a scan whose place is unknown.
             TargetError: the target cannot be found where it was pointed at.
+            BoxgraspError: an argument of another type.
         """
         # 1 to 4. The box, what surrounds it, every candidate and every check (2-1, 2-2, 2-4).
         analysis = self.analyze(capture, target, scans, octomap, on_stage=on_stage)
@@ -182,6 +195,7 @@ class GraspSelector:
             As `select`, without its picture.
         """
         # 5. The order of the candidates (2-3).
+        require(analysis, SceneAnalysis, "analysis", "what analyze answered")
         context, clock = analysis.context, analysis.clock
         ranking = validate_ranking(
             self.ranker, self.ranker.rank(context), len(context.candidates.label)
@@ -218,13 +232,16 @@ class GraspSelector:
         Raises:
             SceneError: as `select`.
             TargetError: as `select`.
+            BoxgraspError: as `select`.
         """
+        _validate_request(target, octomap, scene, on_stage)
         config = self.config
         clock = Clock(on_stage)
         # 1. The support plane and what stands on it (appendix A).
         if scene is None:
             scene = self.scene(capture, scans)
         else:
+            _validate_views(capture, scans)
             scene = scene.with_scans(scans, config.scene.sensor_model)
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
@@ -299,6 +316,7 @@ class GraspSelector:
         Raises:
             SceneError: no support plane, nothing on it, or a scan whose place is unknown.
         """
+        _validate_views(capture, scans)
         return find_scene(capture, scans, self.config.scene)
 
     def warm_up(self) -> None:
@@ -412,6 +430,46 @@ class GraspSelector:
             confidence=confidence,
             T_base_flange=None if flange is None else readonly(T @ invert(flange)),
         )
+
+
+def _validate_views(capture: Any, scans: Any) -> None:
+    """Refuse what is no view, before anything is asked of it.
+
+    Raises:
+        CaptureError: one of them is no Capture.
+    """
+    valid = "a Capture (boxgrasp.load_capture reads one)"
+    require(capture, Capture, "capture", valid, CaptureError)
+    require(scans, (list, tuple), "scans", "a list of Captures", CaptureError)
+    for scan in scans:
+        require(scan, Capture, "scan", valid, CaptureError)
+
+
+def _validate_request(target: Any, octomap: Any, scene: Any, on_stage: Any) -> None:
+    """Refuse what is of another type than `analyze` says.
+
+    Raises:
+        BoxgraspError: by what it is.
+    """
+    none = type(None)
+    require(target, (Target, none), "target", "a Target, or None", TargetError)
+    valid = "MapCells (boxgrasp.io.octomap.read_octomap reads them), or None"
+    require(octomap, (MapCells, none), "octomap", valid, MapError)
+    require(scene, (Scene, none), "scene", "what GraspSelector.scene answered, or None", SceneError)
+    if on_stage is not None and not callable(on_stage):
+        raise BoxgraspError(f"on_stage is {shown(on_stage)}; valid: a function of a name, or None")
+
+
+def _validated_resolutions(sizes_m: Any) -> tuple[float, ...]:
+    """Cell sizes of maps, each within what the configuration allows.
+
+    Raises:
+        ConfigError: one of them is not.
+    """
+    require(sizes_m, (list, tuple), "map_resolutions_m", "a list of meters", ConfigError)
+    for size_m in sizes_m:
+        build(MappingConfig, {"resolution_m": size_m}, "map_resolutions_m", ConfigError)
+    return tuple(sizes_m)
 
 
 class Clock:

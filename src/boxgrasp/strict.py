@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, TypeVar
 
 import msgspec
 
-from boxgrasp.errors import BoxgraspError, ConfigError
+from boxgrasp.errors import BoxgraspError, ConfigError, shown
 
 D = TypeVar("D")
 Source = str | PathLike[str]
@@ -44,6 +44,29 @@ def build(kind: type[D], data: Any, origin: str, error: type[BoxgraspError]) -> 
         raise error(f"{origin}: {_explain(kind, data, str(fault))}") from None
     except BoxgraspError as fault:  # from the dataclass's own __post_init__
         raise error(f"{origin}: {fault}") from None
+
+
+def validate_types(thing: Any, name: str, error: type[BoxgraspError]) -> None:
+    """Refuse a dataclass whose fields were not given what their annotations say.
+
+    Raises:
+        error: names the first such field.
+    """
+    for item in dataclasses.fields(thing):
+        value, kind = getattr(thing, item.name), _hints(type(thing))[item.name]
+        if not _fits(kind, value):
+            raise error(f"{name} {item.name} is {shown(value)}; valid: {describe(kind)}")
+
+
+def _fits(kind: Any, value: Any) -> bool:
+    section = _section(kind)
+    if section is not None:
+        return isinstance(value, section) or (value is None and _optional(kind))
+    try:
+        msgspec.convert(plain(value), type=_strip(kind))
+    except (msgspec.ValidationError, OverflowError, BoxgraspError):
+        return False
+    return True
 
 
 class _FaultError(Exception):
@@ -262,8 +285,9 @@ def read_yaml(path: Source, error: type[BoxgraspError]) -> Any:
     try:
         with open(path, "rb") as file:
             return parse_yaml(file, fspath(path), error)
-    except OSError as fault:
-        raise error(f"{fspath(path)}: {fault.strerror or fault}") from None
+    except (OSError, ValueError) as fault:  # a path with a zero byte is no value
+        said = getattr(fault, "strerror", None) or fault
+        raise error(f"{_line(fspath(path))}: {said}") from None
 
 
 def parse_yaml(source: str | BinaryIO, origin: str, error: type[BoxgraspError]) -> Any:

@@ -22,9 +22,10 @@ from boxgrasp.draw.palette import (
     WHITE,
 )
 from boxgrasp.draw.shapes import EDGES, Hand, contact_line, corners, face_point, fingers
-from boxgrasp.draw.words import headline_of, look_of, measured, visible_clearance
+from boxgrasp.draw.words import headline_of, look_of, visible_clearance
 from boxgrasp.geometry.transforms import make_transform, transform
 from boxgrasp.grasps.candidates import TOP_PERPENDICULAR
+from boxgrasp.grasps.checks.check import measured
 from boxgrasp.mapping.local_map import FREE, OCCUPIED, UNSEEN, LocalMap
 from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
 from boxgrasp.result import Candidate, Selection, TargetBox

@@ -15,7 +15,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from boxgrasp.version import __version__
 
@@ -32,12 +32,14 @@ COMMANDS = {
     "train": "train the thesis's eight SVMs on a set",
     "evaluate": "hold every ranker against the truth of a set",
     "reproduce": "do the whole thesis again and write the report",
+    "completion": "print what makes a shell complete commands, options and files",
 }
 _WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce")
 _WITH_KERNELS = ("select", "objects", "explain", "demo", "warm-up")
 FAILED = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
+_LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)  # for no -v, -v and -vv
 
 
 class Parser(argparse.ArgumentParser):
@@ -54,6 +56,48 @@ class Parser(argparse.ArgumentParser):
         """
         complain(message)
         raise SystemExit(FAILED)
+
+    def parse_all(self, words: Sequence[str]) -> argparse.Namespace:
+        """Parse words in any order; one that is no option of these ends the process.
+
+        Args:
+            words: of the command line.
+
+        Returns:
+            The arguments.
+
+        Raises:
+            SystemExit: for a mistake, and for --help.
+        """
+        args, unknown = self.parse_known_intermixed_args(words)
+        if unknown:
+            options = [name for action in self.all_actions for name in action.option_strings]
+            wrong = next((word for word in unknown if word[:1] == "-"), "").partition("=")[0]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{_meant(wrong, options)}")
+        return args
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is no choice, and name the choice that it comes near to."""
+        if action.choices is None or value in action.choices:
+            return
+        choices = [str(choice) for choice in action.choices]
+        hint = _meant(str(value), choices)
+        raise argparse.ArgumentError(
+            action, f"invalid choice: {value!r}; valid: {', '.join(choices)}{hint}"
+        )
+
+    @property
+    def all_actions(self) -> list[argparse.Action]:
+        """What it knows, without the options that are gone."""
+        return [action for action in self._actions if action.help != argparse.SUPPRESS]
+
+
+def _meant(word: str, known: Sequence[str]) -> str:
+    """What a misspelt word may have been meant for, as the end of a sentence; else nothing."""
+    from difflib import get_close_matches  # 10 ms that only a mistake pays
+
+    close = get_close_matches(word, known, n=1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def complain(message: object) -> None:
@@ -80,6 +124,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a path may hold any bytes
     try:
+        if "_ARGCOMPLETE" in os.environ:  # a shell asks what may follow
+            importlib.import_module("boxgrasp.cli.completion").complete()
         return _run(arguments)
     except KeyboardInterrupt:
         complain("interrupted")
@@ -95,19 +141,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     try:
         split = next((i for i, word in enumerate(arguments) if word[:1] != "-"), len(arguments))
-        before = _main_parser().parse_args(arguments[: split + 1])
+        before = main_parser().parse_all(arguments[: split + 1])
         if before.command is None:
-            _main_parser().print_help()
+            main_parser().print_help()
             return 0
         parser = command_parser(before.command)
-        args = parser.parse_intermixed_args(arguments[split + 1 :])
+        args = parser.parse_all(arguments[split + 1 :])
+        verbose, quiet = max(before.verbose, args.verbose), before.quiet or args.quiet
+        if verbose and quiet:
+            parser.error("argument -q/--quiet: not allowed with argument -v/--verbose")
     except SystemExit as stop:  # argparse ends the process itself for --help and errors
         return stop.code if isinstance(stop.code, int) else FAILED
-    handler = _log_to_stderr(max(before.verbose, args.verbose))
-    try:
+    with _log_to_stderr(logging.ERROR if quiet else _LEVELS[min(verbose, 2)]):
         return _answer(before.command, args)
-    finally:
-        logging.getLogger("boxgrasp").removeHandler(handler)
 
 
 def _answer(command: str, args: argparse.Namespace) -> int:
@@ -125,7 +171,34 @@ def _answer(command: str, args: argparse.Namespace) -> int:
         return status
     except BoxgraspError as error:
         complain(error)
-        return FAILED
+    except Exception as error:
+        if isinstance(error, OSError) and error.filename is None:
+            raise  # of the output
+        complain(reason(error))
+        logging.getLogger("boxgrasp.cli").info("%s", command, exc_info=True)
+    return FAILED
+
+
+def reason(error: Exception) -> str:
+    """What went wrong, in one line.
+
+    Args:
+        error: any.
+
+    Returns:
+        The message of an error that is meant for people; else its kind too.
+    """
+    from boxgrasp.errors import BoxgraspError
+
+    if isinstance(error, BoxgraspError):
+        text = str(error)
+    elif isinstance(error, OSError):
+        text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+    elif isinstance(error, MemoryError):
+        text = "too large for the memory there is"
+    else:
+        text = f"internal error: {type(error).__name__}: {error}"
+    return " ".join(text.split())
 
 
 def _module_of(command: str) -> ModuleType:
@@ -145,19 +218,30 @@ def _hidden(package: str) -> Iterator[None]:
         del sys.modules[package]
 
 
-def _main_parser() -> Parser:
-    commands = "\n".join(f"  {name:10}{what}" for name, what in COMMANDS.items())
+def main_parser(*, with_command: bool = True) -> Parser:
+    """The parser of what stands before a command, and of the command's name.
+
+    Args:
+        with_command: False leaves the command's name to the caller.
+
+    Returns:
+        The parser.
+    """
+    commands = "\n".join(f"  {name:11}{what}" for name, what in COMMANDS.items())
     parser = Parser(
         prog="boxgrasp",
-        usage="boxgrasp [-h] [--version] [-v] COMMAND ...",
+        usage="boxgrasp [-h] [--version] [-v | -q] COMMAND ...",
         description="One depth view in, one checked gripper pose out.",
         epilog=f"commands:\n{commands}\n\n`boxgrasp COMMAND --help` tells more.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"boxgrasp {__version__}")
-    _add_verbose(parser)
-    parser.add_argument("command", nargs="?", choices=COMMANDS, help=argparse.SUPPRESS)
+    _add_loudness(parser)
+    if with_command:
+        parser.add_argument(
+            "command", nargs="?", choices=COMMANDS, metavar="COMMAND", help=argparse.SUPPRESS
+        )
     return parser
 
 
@@ -168,30 +252,50 @@ def command_parser(command: str) -> Parser:
         command: a key of `COMMANDS`.
 
     Returns:
-        The parser, with the command's own arguments and --verbose.
+        The parser, with the command's own arguments, --verbose and --quiet.
     """
-    module = _module_of(command)
     parser = Parser(
         prog=f"boxgrasp {command}",
-        description=module.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    module.add_arguments(parser)
-    _add_verbose(parser)
+    fill_parser(parser, command)
     return parser
 
 
-def _add_verbose(parser: Parser) -> None:
-    parser.add_argument(
+def fill_parser(parser: Parser, command: str) -> None:
+    """Add what a command knows to a parser of its own.
+
+    Args:
+        parser: that knows nothing yet.
+        command: a key of `COMMANDS`.
+    """
+    module = _module_of(command)
+    parser.description = module.__doc__
+    module.add_arguments(parser)
+    _add_loudness(parser)
+
+
+def _add_loudness(parser: Parser) -> None:
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
         "-v", "--verbose", action="count", default=0, help="log to standard error; -vv logs more"
+    )
+    group.add_argument(
+        "-q", "--quiet", action="store_true", help="only errors on standard error, no progress"
     )
 
 
-def _log_to_stderr(verbose: int) -> logging.Handler:
+@contextlib.contextmanager
+def _log_to_stderr(level: int) -> Iterator[None]:
+    """Within, the package's log from a level on is written on standard error."""
     logger = logging.getLogger("boxgrasp")
-    handler = logging.StreamHandler()
+    handler, before = logging.StreamHandler(), logger.level
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     logger.addHandler(handler)
-    logger.setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)])
-    return handler
+    logger.setLevel(level)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
+import shlex
 import time
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -123,6 +127,104 @@ def add_target(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_targets(parser: argparse.ArgumentParser) -> None:
+    """Add CAPTURE..., or a file that names captures with their targets.
+
+    Args:
+        parser: of the command.
+    """
+    add_captures(parser, nargs="*")
+    parser.add_argument(
+        "--targets",
+        metavar="FILE",
+        help="in place of CAPTURE: a capture a line, and its target by one of the options below",
+    )
+    add_target(parser)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A capture that is asked for.
+
+    Attributes:
+        capture: its path.
+        name: what lines for people call it.
+        target: options of its own target, as `add_target` has them; None for the command's.
+    """
+
+    capture: str
+    name: str
+    target: argparse.Namespace | None = None
+
+
+def asked_of(args: argparse.Namespace) -> list[Asked]:
+    """The captures that are asked for, on the command line or in a file.
+
+    Args:
+        args: with what `add_targets` added.
+
+    Returns:
+        At least one.
+
+    Raises:
+        ConfigError: none, both, or a file that cannot be read.
+    """
+    from boxgrasp.errors import ConfigError
+
+    if args.targets is None:
+        if not args.captures:
+            raise ConfigError("the following arguments are required: CAPTURE, or --targets FILE")
+        return [Asked(path, path) for path in args.captures]
+    if args.captures or _has_target(args):
+        what = f"CAPTURE {args.captures[0]}" if args.captures else "a target"
+        raise ConfigError(f"--targets and {what} are given; valid: one of them")
+    try:
+        lines = Path(args.targets).read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        said = getattr(error, "strerror", None) or "not text; valid: a capture and target a line"
+        raise ConfigError(f"{args.targets}: {said}") from None
+    asked = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            asked += _asked_by(line, args.targets)
+        except ValueError as error:
+            raise ConfigError(f"{args.targets}, line {number}: {error}") from None
+    if not asked:
+        raise ConfigError(f"{args.targets}: no lines; valid: a capture and target a line")
+    return asked
+
+
+def _asked_by(line: str, file: str) -> list[Asked]:
+    """What a line of a file of targets asks for; nothing for a blank one or a comment.
+
+    Raises:
+        ValueError: not a capture and at most one target.
+    """
+    words = shlex.split(line, comments=True)
+    if not words:
+        return []
+    parser = _LineParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("capture", metavar="CAPTURE")
+    add_target(parser)
+    own = parser.parse_args(words)
+    if own.mask is not None:
+        own.mask = beside(own.mask, file)
+    name = " ".join(words)
+    return [Asked(beside(own.capture, file), name, own if _has_target(own) else None)]
+
+
+class _LineParser(argparse.ArgumentParser):
+    """Parses a line of a file; raises ValueError where the command line would end."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message}; valid: CAPTURE and one target, table.npz --pixel 320 240")
+
+
+def _has_target(args: argparse.Namespace) -> bool:
+    named = (args.pixel, args.mask, args.point, args.object, args.box)
+    return any(value is not None for value in named)
+
+
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add what to run with; an option here wins over the configuration file.
 
@@ -193,7 +295,7 @@ def resolve_config(args: argparse.Namespace) -> Config:
     from boxgrasp.strict import plain
 
     config: dict[str, Any] = plain(load_config(args.config))
-    if args.gripper:
+    if args.gripper is not None:
         config["gripper"] = plain(load_gripper(args.gripper))
     if args.faces is not None:
         faces = (face.strip() for face in args.faces.split(","))
@@ -231,7 +333,9 @@ def load_capture(path: str, args: argparse.Namespace) -> Capture:
         base_frame=args.base_frame,
     )
     _log.info("%s: read in %.1f ms", path, 1e3 * (time.perf_counter() - start))
-    return _without_robot(capture, read_mask(args.robot_mask)) if args.robot_mask else capture
+    if args.robot_mask is None:
+        return capture
+    return _without_robot(capture, read_mask(args.robot_mask))
 
 
 def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells | None]:
@@ -247,7 +351,7 @@ def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells
         BoxgraspError: one of them cannot be read.
     """
     octomap = None
-    if args.octomap:
+    if args.octomap is not None:
         from boxgrasp.io.octomap import read_octomap
 
         octomap = read_octomap(args.octomap)
@@ -268,7 +372,7 @@ def target_of(args: argparse.Namespace) -> Target | None:
     """
     from boxgrasp.perception.target import Target
 
-    if args.mask:
+    if args.mask is not None:
         return Target(mask=read_mask(args.mask))
     if args.pixel:
         return Target(pixel=tuple(args.pixel))
@@ -324,16 +428,50 @@ def _without_robot(capture: Capture, mask: NDArray[np.bool_]) -> Capture:
     return masked.with_warnings(*(w for w in capture.warnings if w not in masked.warnings))
 
 
-def numbered(path: str, number: int, count: int) -> Path:
-    """Where one of several pictures goes.
+def picture_places(path: str | None, captures: Sequence[str]) -> list[Path]:
+    """Where the pictures of several captures go.
 
     Args:
-        path: OUT.png.
-        number: of the capture, from 1.
-        count: number of captures.
+        path: OUT.png, or None where none are wanted.
+        captures: their paths.
 
     Returns:
-        OUT.png for one capture, OUT_1.png, OUT_2.png ... for several.
+        OUT.png for one capture, OUT_table.png for table.npz among several; those of one name get
+        their numbers too, OUT_table_1.png. Nothing without a path.
+
+    Raises:
+        ConfigError: a path without a name.
     """
+    if path is None:
+        return []
     place = Path(path)
-    return place if count == 1 else place.with_name(f"{place.stem}_{number}{place.suffix}")
+    if not place.name:
+        from boxgrasp.errors import ConfigError
+
+        raise ConfigError(f"the picture's path is {path!r}; valid: OUT.png")
+    if len(captures) == 1:
+        return [place]
+    names = [_name_of(Path(capture)) for capture in captures]
+    while len(counts := Counter(names)) < len(names):
+        numbered = enumerate(names, start=1)
+        names = [f"{name}_{k}" if counts[name] > 1 else name for k, name in numbered]
+    return [place.with_name(f"{place.stem}_{name}{place.suffix}") for name in names]
+
+
+def _name_of(capture: Path) -> str:
+    """A capture's name without folders and suffix."""
+    return capture.resolve().name if capture.is_dir() else capture.stem
+
+
+def beside(path: str, file: str) -> str:
+    """A path that a file names.
+
+    Args:
+        path: as it stands in the file.
+        file: path of the file.
+
+    Returns:
+        The same where something is there, else seen from the file's folder where something is.
+    """
+    other = Path(file).parent / path
+    return str(other) if not os.path.lexists(path) and os.path.lexists(other) else path

@@ -7,9 +7,10 @@ import dataclasses
 import json
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from boxgrasp.cli import FAILED, _arguments, complain
+from boxgrasp.cli import FAILED, _arguments, complain, reason
 from boxgrasp.errors import BoxgraspError
 
 if TYPE_CHECKING:
@@ -19,66 +20,72 @@ if TYPE_CHECKING:
 _log = logging.getLogger("boxgrasp.cli")
 
 
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """A capture of the command line with its answer.
+
+    Attributes:
+        number: its place among the captures, from 1.
+        name: what lines for people call it: its path, and its target where a file names it.
+        capture: the view.
+        selection: the answer.
+    """
+
+    number: int
+    name: str
+    capture: Capture
+    selection: Selection
+
+
 def each(
-    items: Sequence[str],
-    work: Callable[[int, str], None],
-    names: Sequence[str] | None = None,
+    names: Sequence[str],
+    work: Callable[[int], None],
     *,
     as_json: bool = False,
+    captures: Sequence[str] | None = None,
 ) -> int:
     """Work on every item; one that fails costs a line on standard error.
 
     Args:
-        items: what to work on.
-        work: called with an item's number, from 1, and the item.
-        names: what the lines call the items, where that is not the item itself.
+        names: what the lines call the items.
+        work: called with an item's number, from 1.
         as_json: print an object with `capture` and `error` for one that fails, too.
+        captures: what that object calls them, where that is not the name.
 
     Returns:
         The exit status: 0, or 2 if any failed.
     """
     failed = False
-    for number, item in enumerate(items, start=1):
-        name = names[number - 1] if names else item
+    for number, name in enumerate(names, start=1):
         try:
-            work(number, item)
+            work(number)
         except BrokenPipeError:
             raise
         except Exception as error:  # a fault of ours must not cost the rest of the batch
             failed = True
-            reason = _reason(error).removeprefix(f"{name}: ")
-            complain(reason if reason.startswith(name) else f"{name}: {reason}")
+            path = captures[number - 1] if captures else name
+            said = reason(error).removeprefix(f"{name}: ").removeprefix(f"{path}: ")
+            complain(said if said.startswith(name) else f"{name}: {said}")
             if as_json:
-                print(json.dumps({"capture": name, "error": reason}), flush=True)
+                print(json.dumps({"capture": path, "error": said}), flush=True)
             if not isinstance(error, BoxgraspError):
                 _log.info("%s", name, exc_info=True)
     return FAILED if failed else 0
 
 
-def _reason(error: Exception) -> str:
-    """What went wrong, in one line."""
-    if isinstance(error, BoxgraspError):
-        text = str(error)
-    elif isinstance(error, OSError):
-        text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-    elif isinstance(error, MemoryError):
-        text = "too large for the memory there is"
-    else:
-        text = f"internal error: {type(error).__name__}: {error}"
-    return " ".join(text.split())
-
-
 def answer_each(
     args: argparse.Namespace,
-    tell: Callable[[int, Capture, Selection], None],
+    asked: Sequence[_arguments.Asked],
+    tell: Callable[[Answered], None],
     *,
     as_json: bool = False,
 ) -> int:
-    """Select for every capture of the command line.
+    """Select for every capture that is asked for.
 
     Args:
-        args: with the options of `add_captures`, `add_target`, `add_scans` and `add_config`.
-        tell: called with a capture's number, from 1, the capture and its answer.
+        args: with the options of `add_targets`, `add_scans` and `add_config`.
+        asked: what `asked_of` gave.
+        tell: called with each answer.
         as_json: as `each`.
 
     Returns:
@@ -93,9 +100,17 @@ def answer_each(
     target = _arguments.target_of(args)
     scans, octomap = _arguments.load_surroundings(args)
 
-    def answer(number: int, path: str) -> None:
+    def answer(number: int) -> None:
+        path, own = asked[number - 1].capture, asked[number - 1].target
         capture = _arguments.load_capture(path, args)
-        selection = selector.select(capture, target, scans=scans, octomap=octomap)
-        tell(number, capture, dataclasses.replace(selection, capture=path))
+        wanted = target if own is None else _arguments.target_of(own)
+        selection = selector.select(capture, wanted, scans=scans, octomap=octomap)
+        selection = dataclasses.replace(selection, capture=path)
+        tell(Answered(number, asked[number - 1].name, capture, selection))
 
-    return each(args.captures, answer, as_json=as_json)
+    return each(
+        [item.name for item in asked],
+        answer,
+        as_json=as_json,
+        captures=[item.capture for item in asked],
+    )

@@ -4,26 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from boxgrasp.grasps.checks.check import spelled
+from boxgrasp.grasps.candidates import FACES, line_name
+from boxgrasp.grasps.checks.check import measured, spelled
 from boxgrasp.result import Candidate, CheckValue, Selection
 
 
-def summary(selection: Selection) -> str:
+def summary(selection: Selection, name: str) -> str:
     """An answer in a few lines.
 
     Args:
-        selection: with the path of its capture.
+        selection: any.
+        name: of its capture.
 
     Returns:
-        Capture, status and headline; below it pose, how many candidates pass, and warnings.
+        Name, status and headline; below it the pose, or where the target is; how many candidates
+        pass; and warnings.
     """
-    lines = [f"{selection.capture}: {selection.status}: {selection.headline()}"]
+    lines = [f"{name}: {selection.status}: {selection.headline()}"]
     if selection.grasp is not None:
         position = " ".join(f"{value:.3f}" for value in selection.grasp.position_m)
         turn = " ".join(f"{value:.4f}" for value in selection.grasp.quaternion_xyzw)
         lines.append(f"  gripper at {position} m, quaternion xyzw {turn}, {selection.frame} frame")
         shown = selection.candidate(selection.grasp.label)
         lines += [f"  unchecked: {reason.sentence}" for reason in shown.rejections]
+    else:
+        center = " ".join(f"{value:.3f}" for value in selection.box.T_base_box[:3, 3])
+        lines.append(f"  target at {center} m, {selection.frame} frame")
     lines.append(
         f"  {len(selection.passing)} of {len(selection.candidates)} candidates pass, "
         f"ordered by {selection.ranker}"
@@ -60,7 +66,7 @@ def candidates_table(selection: Selection) -> str:
     head = _stacked(["label", "face", "line", "rank", *titles, "result"])
     rows = [_candidate_row(candidate, selection) for candidate in selection.candidates]
     lines = [*head[1:], ["", "limit", "", "", *limits, ""], *rows]
-    return table(head[0], lines, left=(1, 4 + len(names)))
+    return table(head[0], lines, left=(1, 2, 4 + len(names)))
 
 
 def rejections(selection: Selection) -> str:
@@ -118,10 +124,11 @@ def _limit(candidates: Sequence[Candidate], name: str) -> str:
 
 
 def _candidate_row(candidate: Candidate, selection: Selection) -> list[str]:
+    lines = len(selection.candidates) // len(FACES)
     return [
         str(candidate.label),
         candidate.face_name,
-        str(candidate.line),
+        f"{candidate.line} {line_name(candidate.face, candidate.line, lines)}".rstrip(),
         str(candidate.rank),
         *(_cell(said) for said in candidate.checks.values()),
         _result(candidate, selection),
@@ -129,7 +136,7 @@ def _candidate_row(candidate: Candidate, selection: Selection) -> list[str]:
 
 
 def _cell(said: CheckValue) -> str:
-    return spelled(said.value, said.unit) + (" " if said.passed else "*")
+    return measured(said.value, said.unit) + (" " if said.passed else "*")
 
 
 def _result(candidate: Candidate, selection: Selection) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from boxgrasp.cli import _arguments, _batch
@@ -48,14 +47,15 @@ def run(args: argparse.Namespace) -> int:
     selector = GraspSelector(_arguments.resolve_config(args))
     target = _arguments.target_of(args)
     names = args.captures or [f"cast table, seed {args.seed}"]
+    places = _arguments.picture_places(args.picture, names)
 
-    def demonstrate(number: int, name: str) -> None:
+    def demonstrate(number: int) -> None:
+        name, place = names[number - 1], places[number - 1]
         capture = _arguments.load_capture(name, args) if args.captures else _cast(args)
         selection = dataclasses.replace(selector.select(capture, target), capture=name)
-        place = _arguments.numbered(args.picture, number, len(names))
-        Path(place).parent.mkdir(parents=True, exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
         draw_selection(capture, selection, place)
-        print(f"{summary(selection)}\n{place}", flush=True)
+        print(f"{summary(selection, name)}\n{place}", flush=True)
         if args.save:
             print(args.save, flush=True)
 

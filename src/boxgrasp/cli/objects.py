@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from boxgrasp.errors import CodedWarning
     from boxgrasp.perception.numbering import SceneObject
     from boxgrasp.perception.scene import Scene
-    from boxgrasp.sensing.capture import Capture
 
 _HEAD = ("object", "center x", "y", "z", "size x", "y", "z", "distance", "points")
 
@@ -39,26 +38,25 @@ def run(args: argparse.Namespace) -> int:
     selector = GraspSelector(_arguments.resolve_config(args))
     told = _json if args.json else _table
 
-    def list_objects(number: int, path: str) -> None:
+    masks = _arguments.picture_places(args.masks, args.captures)
+    pictures = _arguments.picture_places(args.picture, args.captures)
+
+    def list_objects(number: int) -> None:
+        path = args.captures[number - 1]
         capture = _arguments.load_capture(path, args)
         scene = selector.scene(capture)
-        _write_images(args, number, capture, scene)
+        if masks:
+            from boxgrasp.io.images import write_object_image
+
+            write_object_image(masks[number - 1], scene.object_image())
+        if pictures:
+            from boxgrasp.draw import draw_objects
+
+            draw_objects(capture, scene, pictures[number - 1])
         warnings = (*capture.warnings, *scene_warnings(scene))
         print(told(path, scene, warnings), flush=True)
 
     return _batch.each(args.captures, list_objects, as_json=args.json)
-
-
-def _write_images(args: argparse.Namespace, number: int, capture: Capture, scene: Scene) -> None:
-    count = len(args.captures)
-    if args.masks:
-        from boxgrasp.io.images import write_object_image
-
-        write_object_image(_arguments.numbered(args.masks, number, count), scene.object_image())
-    if args.picture:
-        from boxgrasp.draw import draw_objects
-
-        draw_objects(capture, scene, _arguments.numbered(args.picture, number, count))
 
 
 def _json(path: str, scene: Scene, warnings: Sequence[CodedWarning]) -> str:
@@ -98,5 +96,5 @@ def _table(path: str, scene: Scene, warnings: Sequence[CodedWarning]) -> str:
         )
         for item in scene.objects
     ]
-    lines = [f"{path}: {len(rows)} objects; meters, base frame", table(_HEAD, rows)]
+    lines = [f"{path}: {len(rows)} objects; meters, {scene.frame} frame", table(_HEAD, rows)]
     return "\n".join([*lines, *(f"  warning: {warning.message}" for warning in warnings)])

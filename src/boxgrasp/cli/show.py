@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 from boxgrasp.cli import FAILED, _arguments, _batch, complain
 from boxgrasp.errors import BoxgraspError
@@ -16,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture",
         metavar="OUT.png",
-        help="where to draw (default: ANSWERS.png; several answers are numbered)",
+        help="where to draw (default: ANSWERS.png; several are named after their captures)",
     )
     _arguments.removed(parser, "--gripper", "is gone; valid: none, an answer carries its hand")
     _arguments.add_reading(parser)
@@ -28,38 +29,46 @@ def run(args: argparse.Namespace) -> int:
         lines = [line for line in Path(args.answers).read_text("utf-8").splitlines() if line]
     except (OSError, UnicodeDecodeError) as error:
         raise BoxgraspError(f"{args.answers}: {getattr(error, 'strerror', 'not text')}") from None
-    out = args.picture or str(Path(args.answers).with_suffix(".png"))
+    if not lines:
+        complain(f"{args.answers}: no answers; valid: lines of boxgrasp select --json")
+        return FAILED
+    out = args.picture if args.picture is not None else f"{Path(args.answers).with_suffix('.png')}"
+    captures = [_capture_of(line) for line in lines]
+    places = _arguments.picture_places(out, captures)
 
-    def draw(number: int, line: str) -> None:
+    def draw(number: int) -> None:
         from boxgrasp.draw import draw_selection
         from boxgrasp.result import Selection
 
+        line, place = lines[number - 1], places[number - 1]
         _refuse_error(line)
         selection = Selection.from_json(line)
         if selection.capture is None:
             raise BoxgraspError("the answer names no capture; valid: answers of boxgrasp select")
-        capture = _arguments.load_capture(_find(selection.capture, args.answers), args)
-        place = _arguments.numbered(out, number, len(lines))
-        draw_selection(capture, selection, place)
+        path = _arguments.beside(selection.capture, args.answers)
+        draw_selection(_arguments.load_capture(path, args), selection, place)
         print(place, flush=True)
 
-    if not lines:
-        complain(f"{args.answers}: no answers; valid: lines of boxgrasp select --json")
-        return FAILED
-    return _batch.each(lines, draw, [f"{args.answers}:{n + 1}" for n in range(len(lines))])
+    return _batch.each([f"{args.answers}:{n + 1}" for n in range(len(lines))], draw)
+
+
+def _capture_of(line: str) -> str:
+    """The capture that an answer names, `answer` where it names none."""
+    found = _plain(line).get("capture")
+    return found if isinstance(found, str) and found else "answer"
 
 
 def _refuse_error(line: str) -> None:
     """Say what `boxgrasp select --json` said of a capture that it could not answer."""
-    try:
-        data = json.loads(line)
-    except (ValueError, RecursionError):
-        return
-    if isinstance(data, dict) and set(data) == {"capture", "error"}:
+    data = _plain(line)
+    if set(data) == {"capture", "error"}:
         raise BoxgraspError(f"no answer to {data['capture']}: {data['error']}")
 
 
-def _find(capture: str, answers: str) -> str:
-    """The capture as it was named, or so seen from the folder of the answers."""
-    beside = Path(answers).parent / capture
-    return str(beside) if not Path(capture).exists() and beside.exists() else capture
+def _plain(line: str) -> dict[str, Any]:
+    """The object of a line, empty where it is none."""
+    try:
+        data = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}

@@ -60,6 +60,7 @@ def run(_args: argparse.Namespace) -> int:
 
 
 def _compile() -> None:
+    from boxgrasp.execution.progress import progress
     from boxgrasp.kernels import _jit
 
     importlib.import_module("boxgrasp.kernels.rvl")  # a kernel knows where it is kept
@@ -70,9 +71,10 @@ def _compile() -> None:
             "cache can be written; valid: NUMBA_CACHE_DIR set to a folder that can"
         )
     start = time.perf_counter()
-    for number, (title, step) in enumerate(STEPS, start=1):
-        print(f"{number} of {len(STEPS)}: {title}", flush=True)
-        step()
+    with progress("warm-up", len(STEPS), 0) as one_done:
+        for step in STEPS:
+            step()
+            one_done()
     spent = time.perf_counter() - start
     print(f"{_jit.compiled_count()} kernels compiled in {spent:.0f} s, kept in {folder}")
 
@@ -207,13 +209,13 @@ def _truth() -> None:
     row_of(RowConfig(Recipe(targets_of("known")), 1), 0)
 
 
-STEPS: tuple[tuple[str, Callable[[], object]], ...] = (
-    ("a table is cast", _table),
-    ("depth images", _images),
-    ("masks, points, second views", _targets),
-    ("clouds", _clouds),
-    ("packed depth and map files", _files),
-    ("pictures", _pictures),
-    ("uneven things", _ugly_tables),
-    ("labeled scenes", _truth),
+STEPS: tuple[Callable[[], object], ...] = (
+    _table,
+    _images,
+    _targets,
+    _clouds,
+    _files,
+    _pictures,
+    _ugly_tables,
+    _truth,
 )

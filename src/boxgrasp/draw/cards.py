@@ -23,9 +23,9 @@ from boxgrasp.draw.palette import (
 from boxgrasp.draw.planar import XY
 from boxgrasp.draw.shapes import Hand
 from boxgrasp.draw.text import Lettering, fit, text_size, wrap
-from boxgrasp.draw.words import UNMEASURED, look_of, measured, visible_clearance
+from boxgrasp.draw.words import UNMEASURED, look_of, visible_clearance
 from boxgrasp.grasps.candidates import FACES, face_name
-from boxgrasp.grasps.checks.check import spelled
+from boxgrasp.grasps.checks.check import measured, spelled
 from boxgrasp.grasps.checks.holds import Holds
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
 from boxgrasp.result import Candidate, CheckValue, Selection
@@ -203,7 +203,7 @@ def _counts(selection: Selection, width: int) -> Image:
         own = [candidate for candidate in selection.candidates if candidate.face_name == name]
         passing = sum(candidate.passed for candidate in own)
         near = [said.value for said in map(visible_clearance, own) if said is not None]
-        best = f", at most {measured(max(near), 'm')} clear" if near else ""
+        best = f", the best {measured(max(near), 'm')} clear" if near else ""
         text = fit(f"{name}: {passing} of {len(own)} pass{best}", _BODY.size_px, width - 20)
         canvas.text((10, 34 + 28 * k), text, _BODY)
     return canvas.finish()

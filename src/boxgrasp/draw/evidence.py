@@ -15,10 +15,10 @@ from boxgrasp.draw.planar import XY
 from boxgrasp.draw.shapes import Hand, contact_line
 from boxgrasp.draw.text import Lettering
 from boxgrasp.draw.views import View
-from boxgrasp.draw.words import measured, visible_clearance
+from boxgrasp.draw.words import visible_clearance
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.checks.approach_clearance import ApproachClearance
-from boxgrasp.grasps.checks.check import Rejection
+from boxgrasp.grasps.checks.check import Rejection, measured
 from boxgrasp.grasps.checks.holds import Holds
 from boxgrasp.grasps.checks.width import Width
 from boxgrasp.grasps.checks.width_known import WidthKnown

@@ -99,16 +99,14 @@ def gripper_facts(gripper: Gripper) -> list[tuple[str, str]]:
         Names and values.
     """
     length, width, thickness = (_cm(float(size)) for size in 2 * gripper.half_m)
+    free = f"{_cm(gripper.free_length_m)} before the palm"
     boxes = f"{len(gripper.palm)} of the palm, {len(gripper.finger)} of each finger"
     tcp = gripper.tcp_pose[:3, 3] + (gripper.length_m / 2, 0.0, 0.0)
     rows = [
         ("Outer box", f"{length} x {width} x {thickness}"),
         ("Boxes", boxes if gripper.palm else "one"),
         ("Opens", f"{_cm(gripper.max_opening_m)}, stands at {_cm(gripper.fingers_open_m)}"),
-        (
-            "Fingers",
-            f"{_cm(gripper.free_length_m)} {'before the palm' if gripper.palm else 'taken'}",
-        ),
+        ("Fingers", free if gripper.palm else f"taken to be {free}"),
         ("Inserts", f"{_cm(gripper.insertion_depth_m)} past the target's face"),
         ("Tool point", f"{_cm(float(tcp[0]))} from the hand's back"),
     ]

@@ -7,7 +7,6 @@ from typing import Final
 
 from boxgrasp.draw.canvas import Look
 from boxgrasp.draw.palette import CATEGORY, FAINT, SHAPE
-from boxgrasp.geometry.hand_distance import CAP_M
 from boxgrasp.grasps.checks.check import spelled
 from boxgrasp.grasps.checks.visible_clearance import VisibleClearance
 from boxgrasp.grasps.checks.width import Width
@@ -15,21 +14,8 @@ from boxgrasp.grasps.checks.width_known import WidthKnown
 from boxgrasp.grasps.scoring import category
 from boxgrasp.result import Candidate, CheckValue, Selection
 
+_NAMED: Final = 3  # passing candidates; the others stand in the table
 UNMEASURED: Final = Look("diamond", FAINT)
-
-
-def measured(value: float, unit: str | None) -> str:
-    """A check's value for people.
-
-    Args:
-        value: in `unit`.
-        unit: as in `CheckValue`.
-
-    Returns:
-        `4.2 cm`; `50.0 cm or more` where the distances end.
-    """
-    more = " or more" if unit == "m" and value == CAP_M else ""
-    return spelled(value, unit) + more
 
 
 def visible_clearance(candidate: Candidate) -> CheckValue | None:
@@ -108,6 +94,8 @@ def facts_of(selection: Selection) -> list[tuple[str, str]]:
 
 
 def _passing(selection: Selection) -> str:
-    labels = [str(candidate.label) for candidate in selection.passing]
-    counts = f"{len(labels)} of {len(selection.candidates)} candidates"
-    return f"{counts}, best first: {', '.join(labels)}" if labels else counts
+    passing = selection.passing
+    counts = f"{len(passing)} of {len(selection.candidates)} candidates"
+    names = [f"{candidate.label} {candidate.name}" for candidate in passing[:_NAMED]]
+    more = f" and {len(passing) - _NAMED} more" if len(passing) > _NAMED else ""
+    return f"{counts}, best first: {', '.join(names)}{more}" if names else counts

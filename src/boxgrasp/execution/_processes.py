@@ -6,6 +6,7 @@ behind when the caller is killed, and waits for them on Ctrl-C; so the processes
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 import signal
@@ -146,7 +147,8 @@ class _Worker:
         spawn = get_context("spawn")  # a fork copies locks that threads hold
         self.pipe, far = spawn.Pipe()
         self.index = -1
-        self.process = spawn.Process(target=_serve, args=(far,), daemon=True)
+        level = logging.getLogger("boxgrasp").getEffectiveLevel()
+        self.process = spawn.Process(target=_serve, args=(far, level), daemon=True)
         with _interrupt_later():
             self.process.start()
         far.close()  # so that the pipe ends with the process
@@ -215,8 +217,9 @@ def _interrupt_later() -> Iterator[None]:
                 signal.raise_signal(signal.SIGINT)
 
 
-def _serve(pipe: connection.Connection) -> None:
-    """Answer tasks until the parent ends."""
+def _serve(pipe: connection.Connection, log_level: int) -> None:
+    """Answer tasks until the parent ends; log no more than it does."""
+    logging.getLogger("boxgrasp").setLevel(log_level)
     if sys.platform == "win32":
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -1,14 +1,19 @@
-"""How far a long run is: a bar on a terminal, a line now and then elsewhere, on standard error."""
+"""How far a long run is: a bar on a terminal, a line now and then elsewhere, on standard error.
+
+Nothing is shown where the package's log is at errors alone.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 
 _EVERY_S = 10.0
+_log = logging.getLogger("boxgrasp.execution")
 
 
 @contextlib.contextmanager
@@ -23,7 +28,8 @@ def progress(title: str, total: int, done: int) -> Iterator[Callable[[], None]]:
     Yields:
         A function to call once a finished task.
     """
-    if done >= total or not title or sys.stderr is None:
+    quiet = not _log.isEnabledFor(logging.WARNING)
+    if done >= total or not title or sys.stderr is None or quiet:
         yield lambda: None
     elif sys.stderr.isatty() and find_spec("rich"):
         with _bar(title, total, done) as step:

@@ -86,7 +86,7 @@ def validate_transform(T: ArrayLike, name: str) -> Floats:
     """
     try:
         matrix = np.array(T, dtype=np.float64, order="C")  # one form for the kernels
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BoxgraspError(f"{name} is not numeric; valid: a (4, 4) rigid transform") from None
     if matrix.shape != (4, 4):
         raise BoxgraspError(f"{name} has shape {matrix.shape}; valid: (4, 4)")

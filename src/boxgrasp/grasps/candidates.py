@@ -34,6 +34,9 @@ _AXES = np.array(
 _STEP_AXIS = np.array((2, 2, 2, 0, 1))
 _WIDTH_AXIS = np.array((0, 1, 0, 1, 0))
 
+# Where the first and the last line of a face lie.
+_LINE_ENDS = (*(("lowest", "highest"),) * 3, ("nearest", "farthest"), ("right", "left"))
+
 
 @dataclass(frozen=True)
 class CandidatesConfig:
@@ -93,6 +96,23 @@ def face_name(face: int) -> str:
         One of `FACES`.
     """
     return FACES[face - 1]
+
+
+def line_name(face: int, line: int, lines: int) -> str:
+    """Where a line lies on its face (docs/conventions.md).
+
+    Args:
+        face: 1 to 5.
+        line: 1 to l.
+        lines: l.
+
+    Returns:
+        `lowest` to `highest` on a side, `nearest` to `farthest` on top-parallel, `right` to `left`
+        on top-perpendicular, `middle` for the middle one of an odd number, else an empty text.
+    """
+    ends = _LINE_ENDS[face - 1]
+    places = {lines: ends[1], 1: ends[0]} | ({(lines + 1) // 2: "middle"} if lines % 2 else {})
+    return places.get(line, "")
 
 
 def label_of(face: Any, line: Any, lines: int) -> Any:

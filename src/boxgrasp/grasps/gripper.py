@@ -12,6 +12,7 @@ from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, GripperError
 from boxgrasp.forks import cached_property
 from boxgrasp.geometry.transforms import make_transform, validate_transform
+from boxgrasp.strict import validate_types
 
 LEAST_OPENING_M = 0.005  # m: no camera tells a target's sides well enough for a narrower one
 UNKNOWN_FINGER_M: Final = 0.045  # m: free length of common parallel grippers' fingers
@@ -45,6 +46,7 @@ class HandBox:
     z_m: Range
 
     def __post_init__(self) -> None:
+        validate_types(self, "gripper box", GripperError)
         for name in ("x_m", "y_m", "z_m"):
             start, end = getattr(self, name)
             if not -1.0 <= start < end <= 1.0:
@@ -98,6 +100,7 @@ class Gripper:
     RENAMED: ClassVar[dict[str, str]] = {"reach_past_face_m": "insertion_depth_m"}
 
     def __post_init__(self) -> None:
+        validate_types(self, "gripper", GripperError)
         self._validate_sizes()
         if self.palm or self.finger:
             self._validate_boxes()

@@ -35,7 +35,9 @@ class RefinementParams:
         growth_m: of the width over two steps, up to which its sides are steady, m: 35 degrees off
             the approach on both sides. Fingers slip off sides that run apart more, as the front of
             a cylinder does.
-        plane_gap_m: between fingertips that go deeper for that and the support plane, m.
+        plane_gap_m: between fingertips that go deeper than least_depth_m and the support plane, m.
+        least_depth_m: of the fingertips past the surface, whatever the plane, m: the thesis's; a
+            hand that inserts deeper goes less deep into what is low.
     """
 
     middle_m: float = 0.010
@@ -47,6 +49,7 @@ class RefinementParams:
     most_m: float = 0.03
     growth_m: float = 0.007
     plane_gap_m: float = 0.006
+    least_depth_m: float = 0.01
 
 
 def moved_to_surface(
@@ -88,7 +91,9 @@ def moved_to_surface(
     fall = np.maximum(-(T[:, :3, 0] @ plane.normal), 1e-3)
     room = gripper.half_m[0] + (tips @ plane.normal + plane.offset_m - params.plane_gap_m) / fall
     room -= gripper.advance_m(candidates.width_m)
-    tip = np.fmax(surface + gripper.insertion_depth_m, np.fmin(surface + deeper, room))
+    allowed = np.fmax(room - surface, params.least_depth_m)
+    tip = surface + np.fmin(gripper.insertion_depth_m, allowed)
+    tip = np.fmax(tip, np.fmin(surface + deeper, room))
     tip = np.fmin(tip, finger - params.gap_m)
     tip = np.fmin(tip, palm)
     by = np.where(np.isnan(surface), 0.0, tip - gripper.half_m[0])

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.errors import CaptureError
+from boxgrasp.errors import CaptureError, require
 from boxgrasp.io.refusals import refusals_of
 from boxgrasp.sensing.capture import Capture
-from boxgrasp.sensing.validation import CLOUD_FRAMES, CloudFrame
+from boxgrasp.sensing.validation import CloudFrame, validate_cloud_frame
 
 _VALID: Final = ".npz, .pcd, .ply, .bag, .db3, .mcap"
 _NO_BAG: Final = "base_frame is given, but this is no bag; valid: a bag, whose /tf is read"
@@ -56,17 +56,21 @@ def load_capture(
             names the path.
         MissingExtraError: the format needs an extra that is not installed.
     """
+    require(path, (str, os.PathLike), "capture's path", "a path", CaptureError)
+    for name, value in (("topic", topic), ("base_frame", base_frame)):
+        require(value, (str, type(None)), name, "a name, or None", CaptureError)
+    if stamp is not None:
+        require(stamp, (int, float), "stamp", "seconds, or None", CaptureError)
     place = Path(path)
     how = _How(cloud_frame, topic, stamp, base_frame)
     # A file's odd floats are judged, not warned about.
     with refusals_of(place), np.errstate(all="ignore"):
+        validate_cloud_frame(cloud_frame)
         return _reader(place, how)()
 
 
 def _reader(path: Path, how: _How) -> Callable[[], Capture]:
     """The call that reads this path. Readers are imported one at a time, so that none is paid."""
-    if how.cloud_frame not in CLOUD_FRAMES:
-        raise CaptureError(f"cloud_frame is {how.cloud_frame!r}; valid: {', '.join(CLOUD_FRAMES)}")
     if path.is_dir():
         return _folder_reader(path, how)
     if not path.is_file():

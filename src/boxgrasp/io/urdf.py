@@ -79,7 +79,8 @@ class UrdfFile:
         _refuse_damage(self.path)
         self._said: set[str] = set()
         try:
-            robot = reader.URDF.load(str(self.path), build_scene_graph=False).robot
+            with np.errstate(all="ignore"):  # what is not finite is refused below
+                robot = reader.URDF.load(str(self.path), build_scene_graph=False).robot
             self.name = str(robot.name or self.path.stem)
             self._links = {str(link.name): link for link in robot.links}
             joints = [_joint(joint) for joint in robot.joints]
@@ -186,27 +187,33 @@ class UrdfFile:
                 self._said.add(link)
         found = [np.zeros((0, 3, 3))]
         for piece in pieces or ():
-            corners = self._triangles(piece.geometry, link)
+            with np.errstate(all="ignore"):  # what is not finite is refused below
+                corners = self._triangles(piece.geometry, link)
             T = np.eye(4) if piece.origin is None else np.asarray(piece.origin, np.float64)
             found.append(transform(T, corners))
-        return np.concatenate(found)
+        corners = np.concatenate(found)
+        if not np.isfinite(corners).all():
+            raise GripperError(f"{self.path}: geometry of {link!r} is not finite; valid: numbers")
+        return corners
 
     def _triangles(self, geometry: Any, link: str) -> Floats:
-        make = self._trimesh.creation
-        if geometry.box is not None:
-            mesh = make.box(extents=geometry.box.size)
-        elif geometry.cylinder is not None:
-            shape = geometry.cylinder
-            mesh = make.cylinder(radius=shape.radius, height=shape.length, sections=_SECTIONS)
-        elif geometry.sphere is not None:
-            mesh = make.icosphere(subdivisions=4, radius=geometry.sphere.radius)
-        elif geometry.mesh is not None:
+        if geometry.mesh is not None:
             return self._mesh(geometry.mesh, link)
-        else:
+        make = self._trimesh.creation
+        try:
+            if geometry.box is not None:
+                mesh = make.box(extents=geometry.box.size)
+            elif geometry.cylinder is not None:
+                shape = geometry.cylinder
+                mesh = make.cylinder(radius=shape.radius, height=shape.length, sections=_SECTIONS)
+            else:
+                mesh = make.icosphere(subdivisions=4, radius=geometry.sphere.radius)
+            return np.array(mesh.triangles, np.float64)
+        except (AttributeError, TypeError, ValueError, ArithmeticError) as fault:
             raise GripperError(
-                f"{self.path}: geometry of {link!r} is empty; valid: box, cylinder, sphere, mesh"
-            )
-        return np.array(mesh.triangles, np.float64)
+                f"{self.path}: geometry of {link!r}: {_line(fault)}; valid: box, cylinder, sphere, "
+                "mesh"
+            ) from None
 
     def _mesh(self, element: Any, link: str) -> Floats:
         file = find_mesh(str(element.filename), self.path, link)
@@ -298,7 +305,16 @@ def _joint(element: Any) -> Joint:
             raise ValueError(f"limits of {element.name} are {held}")
     axis = np.array((1.0, 0.0, 0.0) if element.axis is None else element.axis, np.float64)
     if element.type in MOVING:
-        axis /= np.linalg.norm(axis)
+        length = float(np.linalg.norm(axis))
+        if not (math.isfinite(length) and length > 0.0):
+            raise ValueError(f"axis of {element.name} is {axis.tolist()}")
+        axis /= length
+    if element.origin is not None and not np.isfinite(element.origin).all():
+        raise ValueError(f"origin of {element.name} is not finite")
+    if element.mimic is not None:
+        follows = (element.mimic.multiplier, element.mimic.offset)
+        if not all(value is None or math.isfinite(value) for value in follows):
+            raise ValueError(f"mimic of {element.name} is {follows}")
     master = element.mimic.joint if element.mimic is not None else element.name
     return Joint(
         str(element.name),

@@ -18,6 +18,7 @@ from boxgrasp.io.urdf import Joint, UrdfFile
 
 _SAME_M: Final = 0.002  # what counts as the same place on both sides: the bar for a hand's sizes
 _STILL_M: Final = 0.001
+_STEPS: Final = 41  # from open to shut, to find how far swinging fingertips reach
 _MOST_MASTERS: Final = 4
 _MOST_LINKAGE: Final = 3  # boxes a side of what moves behind the fingers
 _DEPTH_M: Final = 0.02  # insertion at most: the pads of hands are longer, see grasps/hands
@@ -138,6 +139,27 @@ class _Links:
             if between @ apart > 0.0 and length > farthest + 1e-9:  # else they passed each other
                 best, farthest = values, length
         self.file.set_joints(best)
+        self.open_at = best
+        self.shut_at = {name: sum(ranges[name]) - value for name, value in best.items()}
+
+    def closing_advance_m(self, axes: Floats) -> float:
+        """How much farther along the approach the fingertips get until they meet, m."""
+        first, *reaches = (self._reach_m(axes, share) for share in np.linspace(0.0, 1.0, _STEPS))
+        apart = itertools.takewhile(lambda reach: reach[1] > -_STILL_M, reaches)
+        farthest = max((reach[0] for reach in apart), default=first[0])
+        self.file.set_joints(self.open_at)
+        return round(max(0.0, farthest - first[0]), 4)
+
+    def _reach_m(self, axes: Floats, share: float) -> tuple[float, float]:
+        """Foremost place of the fingertips and the gap between them, a share of the way shut."""
+        between = {
+            name: value + share * (self.shut_at[name] - value)
+            for name, value in self.open_at.items()
+        }
+        self.file.set_joints(between)
+        left, right = (self.surface_m(link).reshape(-1, 3) @ axes for link in self.fingers)
+        gap = left[:, 1].min() - right[:, 1].max()
+        return float(max(left[:, 0].max(), right[:, 0].max())), float(gap)
 
     def _ranges(self) -> dict[str, tuple[float, float]]:
         """Lowest and highest values of the joints that move the fingers, those that follow none."""
@@ -224,6 +246,7 @@ class _Sizes:
 
     def __init__(self, hand: _Links, axes: Floats, insertion_depth_m: float | None) -> None:
         self.hand = hand
+        self.advance_m = hand.closing_advance_m(axes)
         turned = _Frame(make_transform(axes, np.zeros(3)))
         tips = [turned.of(hand.surface_m(link)).reshape(-1, 3) for link in hand.fingers]
         inner = tips[0][:, 1].min(), tips[1][:, 1].max()
@@ -311,6 +334,7 @@ class _Sizes:
             thickness_m=2 * max(abs(z) for box in boxes for z in box.z_m),
             max_opening_m=round(self.opening_m, 5),
             insertion_depth_m=self.depth_m,
+            closing_advance_m=self.advance_m,
             palm=palm,
             finger=finger,
             T_flange_gripper=_rows(self._from_flange(flange) @ T),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import readonly
-from boxgrasp.errors import CodedWarning, TargetError
+from boxgrasp.errors import CodedWarning, TargetError, shown
 from boxgrasp.perception.hollow_things import RIM_SHARE
 from boxgrasp.perception.masked_points import masked_points
 from boxgrasp.perception.scene import MISSING, Scene
@@ -20,6 +20,9 @@ _POINT_REACH_M = 0.03  # m from a point given to an object's
 _CLEARLY_M = 0.006  # m over the support plane, where its noise does not reach
 _BOX_OVERLAP = 0.4  # least intersection over union of a box given with the box round an object
 _BOX_LEAD = 0.1  # by which the best object must overlap it better than the next
+
+
+_NUMBERS = (int, float, np.integer, np.floating)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +88,7 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
         TargetError: nothing given, outside the image, on the table, on nothing, unknown number, or
             a mask of two things or of the background.
     """
-    chosen = target or Target()
+    chosen = Target() if target is None else target
     if chosen.mask is not None:
         return _under_mask(scene, _validated_mask(capture, chosen.mask))
     if chosen.object is not None:
@@ -111,7 +114,9 @@ def find_target(scene: Scene, capture: Capture, target: Target | None) -> Target
 
 def _known_number(scene: Scene, number: int) -> int:
     if isinstance(number, bool) or not isinstance(number, int | np.integer):
-        raise TargetError(f"object is {number!r}; valid: a number from 1 to {len(scene.objects)}")
+        raise TargetError(
+            f"object is {shown(number)}; valid: a number from 1 to {len(scene.objects)}"
+        )
     if not 1 <= number <= len(scene.objects):
         raise TargetError(f"no object {number}; valid: 1 to {len(scene.objects)}")
     return int(number)
@@ -120,7 +125,7 @@ def _known_number(scene: Scene, number: int) -> int:
 def _object_at(scene: Scene, point: tuple[float, float, float]) -> int:
     try:
         place = np.array(point, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TargetError("target point is not numeric; valid: x, y, z in meters") from None
     if place.shape != (3,) or not np.isfinite(place).all():
         raise TargetError("target point is not three finite numbers; valid: x, y, z in meters")
@@ -161,12 +166,25 @@ def _object_under(scene: Scene, pixel: tuple[int, int]) -> int:
 def _pixel_inside(pixel: tuple[int, int], shape: tuple[int, int]) -> tuple[int, int]:
     height, width = shape
     try:
-        u, v = (int(k) for k in pixel)
+        u, v = (_whole(k) for k in pixel)
     except (TypeError, ValueError, OverflowError):
-        raise TargetError(f"target pixel is {pixel!r}; valid: u v, whole numbers") from None
+        raise TargetError(f"target pixel is {shown(pixel)}; valid: u v, whole numbers") from None
     if not (0 <= u < width and 0 <= v < height):
         raise TargetError(f"pixel {u} {v} is outside; valid: 0..{width - 1} 0..{height - 1}")
     return u, v
+
+
+def _whole(number: Any) -> int:
+    """A coordinate of a pixel; text and truth values are none.
+
+    Raises:
+        TypeError: no number.
+        ValueError: NaN.
+        OverflowError: infinite.
+    """
+    if isinstance(number, bool) or not isinstance(number, _NUMBERS):
+        raise TypeError
+    return int(number)
 
 
 def _object_in(scene: Scene, box: tuple[float, float, float, float]) -> int:
@@ -206,7 +224,7 @@ def _validated_box(
         raise TargetError("an unorganized cloud has no pixels; valid: a point or object number")
     try:
         ends = np.array(box, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TargetError("target box is not numeric; valid: u_min v_min u_max v_max") from None
     if ends.shape != (4,) or not np.isfinite(ends).all():
         raise TargetError("target box is not four finite numbers; valid: u_min v_min u_max v_max")
@@ -288,7 +306,10 @@ def _validated_mask(capture: Capture, mask: Any) -> NDArray[np.bool_]:
     shape = capture.shape
     if shape is None and capture.points is not None:
         shape = (len(capture.points),)  # type: ignore[assignment]
-    array = np.asarray(mask)
+    try:
+        array = np.asarray(mask)
+    except ValueError:
+        raise TargetError(f"mask is {shown(mask)}; valid: bool {shape}") from None
     if array.shape != shape or array.dtype not in (np.bool_, np.uint8):
         raise TargetError(f"mask is {array.dtype} {array.shape}; valid: bool {shape}")
     if not array.any():

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Bools, Floats, Points, readonly
-from boxgrasp.errors import CaptureError, CodedWarning
+from boxgrasp.errors import CaptureError, CodedWarning, require
 from boxgrasp.sensing.validation import (
-    CLOUD_FRAMES,
     Bytes,
     CloudFrame,
     in_order,
     validate_cloud,
+    validate_cloud_frame,
     validate_colors,
     validate_depth,
     validate_intrinsics,
@@ -125,9 +125,7 @@ class Capture:
             CaptureError: shapes or types do not fit, no point is valid, over 0.1 % of the points
                 lie behind the camera, or millimeters.
         """
-        if cloud_frame not in CLOUD_FRAMES:
-            valid = ", ".join(CLOUD_FRAMES)
-            raise CaptureError(f"cloud_frame is {cloud_frame!r}; valid: {valid}")
+        cloud_frame = validate_cloud_frame(cloud_frame)
         T = validate_pose(T_base_camera)
         xyz, shape = validate_points(points)
         beside = shape if shape is not None else (len(xyz),)
@@ -193,8 +191,14 @@ class Capture:
             image.
 
         Raises:
-            CaptureError: the capture holds neither depth nor points.
+            CaptureError: the capture holds neither depth nor points, or `left_out` is no such
+                image.
         """
+        if left_out is not None:
+            require(left_out, np.ndarray, "left_out", "bool pixels, or None", CaptureError)
+            if left_out.dtype != np.bool_ or left_out.shape != self.shape:
+                found = f"{left_out.dtype} {left_out.shape}"
+                raise CaptureError(f"left_out is {found}; valid: bool {self.shape}")
         if self.depth is not None and self.intrinsics is not None:
             return _depth_points(self.depth, self.intrinsics, _either(self.robot_mask, left_out))
         if self.points is None:
@@ -224,6 +228,8 @@ class Capture:
         Returns:
             A copy that shares the arrays.
         """
+        for warning in warnings:
+            require(warning, CodedWarning, "warning", "a CodedWarning", CaptureError)
         if not warnings:
             return self
         other = copy.copy(self)

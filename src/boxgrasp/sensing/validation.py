@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Bools, Floats, Points, readonly
-from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning
+from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning, shown
 from boxgrasp.geometry.transforms import invert, validate_transform
 
 Bytes = NDArray[np.uint8]
@@ -23,11 +23,28 @@ _MILLIMETERS_ABOVE_M: Final = 20.0  # m; a view whose median lies beyond is in a
 def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CaptureError(f"{name} is not an array; valid: {valid}") from None
     if array.dtype.kind not in "fiub":
         raise CaptureError(f"{name} holds {array.dtype}; valid: {valid}")
     return array
+
+
+def validate_cloud_frame(value: Any) -> CloudFrame:
+    """The frame of a cloud's points.
+
+    Args:
+        value: what a caller handed over.
+
+    Returns:
+        'optical' or 'base'.
+
+    Raises:
+        CaptureError: neither.
+    """
+    if isinstance(value, str) and value in CLOUD_FRAMES:
+        return "base" if value == "base" else "optical"
+    raise CaptureError(f"cloud_frame is {shown(value)}; valid: {', '.join(CLOUD_FRAMES)}")
 
 
 def validate_depth(value: Any) -> tuple[Points, tuple[CodedWarning, ...]]:

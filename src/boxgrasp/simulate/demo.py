@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from boxgrasp.errors import SceneError
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.simulate.scenes import TableScene, build_scene, to_capture
 
@@ -57,6 +58,11 @@ def demo_capture(seed: int = 0, *, noise: bool = True) -> Capture:
 
     Returns:
         The capture.
+
+    Raises:
+        SceneError: a seed below 0.
     """
+    if seed < 0:
+        raise SceneError(f"seed is {seed}; valid: 0 or more")
     capture, _ = to_capture(demo_scene(), np.random.default_rng(seed), noise, shading=0.4)
     return capture

@@ -36,6 +36,7 @@ from boxgrasp.teaching.samples import sample_points
 from boxgrasp.version import __version__
 
 PART_ROWS = 40
+MOST_ROWS = 100_000 * PART_ROWS  # of a set: its parts' names have five digits
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class SetConfig:
         objects_sha256: of the object set as it is read now, so that a set is never made of two.
 
     Raises:
-        ConfigError: no rows.
+        ConfigError: no rows, or more than a set can have.
     """
 
     rows: RowConfig
@@ -61,8 +62,8 @@ class SetConfig:
         if not self.objects_sha256:
             said = repr(dict(load_objects(self.rows.recipe.objects))).encode()
             object.__setattr__(self, "objects_sha256", hashlib.sha256(said).hexdigest())
-        if self.count < 1:
-            raise ConfigError(f"count is {self.count}; valid: 1 or more")
+        if not 1 <= self.count <= MOST_ROWS:
+            raise ConfigError(f"count is {self.count}; valid: 1 to {MOST_ROWS}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +105,8 @@ class Rows(Mapping[str, Array]):
 def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, title: str) -> None:
     """Write what the set still lacks; finished parts are not made again.
 
+    A set that is there with fewer rows grows, to the very bytes of one made at once.
+
     Args:
         store: where to.
         prefix: of the names there.
@@ -112,19 +115,48 @@ def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, tit
         title: what progress is shown under; nothing is shown where it is empty.
 
     Raises:
-        ConfigError: the place holds a set that was made otherwise.
+        ConfigError: the place holds a set that was made otherwise, or a larger one.
         SceneError: a scenario that cannot be drawn.
         StoreError: the place cannot be read or written.
         WorkError: workers were lost.
+        MissingExtraError: pyarrow is not installed.
     """
-    claim(store, prefix, "set.json", config, "a set")
     tasks = {
         f"{prefix}part-{first // PART_ROWS:05d}.parquet": (
             config.rows, range(first, min(first + PART_ROWS, config.count)),
         )
         for first in range(0, config.count, PART_ROWS)
     }  # fmt: skip
+    _renew_last_part(store, prefix, config, tasks, workers)
+    claim(store, prefix, "set.json", config, "a set", grows="count")
     finish(store, tasks, part, workers, title)
+
+
+def _renew_last_part(
+    store: Store,
+    prefix: str,
+    config: SetConfig,
+    tasks: Mapping[str, tuple[RowConfig, Sequence[int]]],
+    workers: Workers,
+) -> None:
+    """Make the last part anew that is there with another number of rows than it shall have.
+
+    It is done before set.json tells the new count, so that a kill in between leaves a set that is
+    seen to be unfinished.
+
+    Raises:
+        ConfigError: as `make_set`.
+    """
+    if not store.exists(f"{prefix}set.json"):
+        return
+    there = claimed(store, prefix, "set.json", config, "a set", grows="count")["count"]
+    name = f"{prefix}part-{(there - 1) // PART_ROWS:05d}.parquet"
+    if (there == config.count and there % PART_ROWS == 0) or not store.exists(name):
+        return
+    _, numbers = tasks[name]
+    if from_parquet(store.read(name)).count != len(numbers):
+        for _, made in workers.run(part, [tasks[name]]):
+            store.write(name, made)
 
 
 def keep_captures(
@@ -207,7 +239,8 @@ def read_set(store: Store, prefix: str = "") -> tuple[SetConfig, Rows]:
     rows = joined([from_parquet(store.read(name)) for name in names])
     if rows.count != config.count:
         raise ConfigError(
-            f"{store}/{prefix} holds {rows.count} rows; valid: {config.count} as in its set.json"
+            f"{store}/{prefix} holds {rows.count} rows; valid: {config.count} as in its set.json "
+            "(run `boxgrasp simulate` again)"
         )
     return config, rows
 
@@ -316,7 +349,9 @@ def schema(config: RowConfig) -> Any:
     return pa.schema(fields)
 
 
-def claim(store: Store, prefix: str, name: str, settings: Any, what: str) -> None:
+def claim(
+    store: Store, prefix: str, name: str, settings: Any, what: str, *, grows: str = ""
+) -> None:
     """Keep the settings beside what is made with them, so that nothing is mixed in later.
 
     Args:
@@ -325,21 +360,56 @@ def claim(store: Store, prefix: str, name: str, settings: Any, what: str) -> Non
         name: of the settings' file.
         settings: a dataclass, or plain values.
         what: what is made with them, in words.
+        grows: name of a setting that may be larger now than it is there.
 
     Raises:
         ConfigError: the place holds other settings.
         StoreError: the place cannot be read or written.
     """
     mine = json.loads(json.dumps(plain(settings)))
-    if store.exists(prefix + name):
-        there = _read_json(store, prefix + name)
-        if there != mine:
-            raise ConfigError(
-                f"{store}/{prefix} holds {what} made otherwise ({_difference(there, mine)}); "
-                "valid: another place, or the same settings to go on"
-            )
+    if store.exists(prefix + name) and mine == claimed(
+        store, prefix, name, settings, what, grows=grows
+    ):
         return
     store.write(prefix + name, (json.dumps(mine, indent=1, sort_keys=True) + "\n").encode())
+
+
+def claimed(
+    store: Store, prefix: str, name: str, settings: Any, what: str, *, grows: str = ""
+) -> dict[str, Any]:
+    """The settings that are kept at a place, refused where they are other than these.
+
+    Args:
+        store: as `claim`.
+        prefix: as `claim`.
+        name: as `claim`.
+        settings: as `claim`.
+        what: as `claim`.
+        grows: as `claim`.
+
+    Returns:
+        Plain values.
+
+    Raises:
+        ConfigError: they are other ones, or damaged.
+        StoreError: the place cannot be read.
+    """
+    mine = json.loads(json.dumps(plain(settings)))
+    there = _read_json(store, prefix + name)
+    found = there.get(grows)
+    can_grow = type(found) is int and found > 0
+    others = {**there, grows: mine[grows]} if can_grow else there
+    if others != mine:
+        raise ConfigError(
+            f"{store}/{prefix} holds {what} made otherwise ({_difference(others, mine)}); "
+            "valid: another place, or the same settings to go on"
+        )
+    if can_grow and found > mine[grows]:
+        raise ConfigError(
+            f"{store}/{prefix} holds {what} of {found}, {mine[grows]} are asked for; valid: "
+            f"{found} or more, or another place"
+        )
+    return there
 
 
 def _read_json(store: Store, name: str) -> dict[str, Any]:

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, ConfigError
+from boxgrasp.geometry.hand_distance import CAP_M
 
 if TYPE_CHECKING:
     from boxgrasp.grasps.checks.context import CheckContext
 
 NO_OBJECT = -1
+CAPPED = f"at least {100 * CAP_M:g} cm"
 
 
 class Check(Protocol):
@@ -190,6 +192,8 @@ class Rejection:
         )
         digits = next(finer, 1)  # a value just off its limit must not read like it
         found, limit = (spelled(value, self.unit, digits) for value in values)
+        if self.unit == "m" and self.value == CAP_M:
+            found = CAPPED
         return f"{what}: {found}, {asked} {limit}"
 
 
@@ -211,6 +215,19 @@ def spelled(value: float, unit: str | None, digits: int = 1) -> str:
     if unit == "m2":
         return f"{1e4 * value:.{digits}f} cm2"
     return f"{100 * value:.{digits - 1}f} %" if unit == "fraction" else f"{value:g} {unit}"
+
+
+def measured(value: float, unit: str | None) -> str:
+    """What a check measured, for people; distances end at a cap.
+
+    Args:
+        value: in `unit`.
+        unit: as in `CheckResult`.
+
+    Returns:
+        `4.2 cm`; `at least 50 cm` where the distance is the cap.
+    """
+    return CAPPED if unit == "m" and value == CAP_M else spelled(value, unit)
 
 
 def validate_check(check: Any) -> Check:
