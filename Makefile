@@ -14,7 +14,7 @@ ROS_VENV := .venv-ros
 help:
 	@echo "make test      lint, format, types, imports, tests, docs build"
 	@echo "make test-ros  the ROS packages, with a real rclpy and no ROS installed"
-	@echo "make demo      the main job on a cast scene; writes out/demo.png"
+	@echo "make demo      the main job on a cast scene; writes out/demo.png and says how to go on"
 	@echo "make bench     the benchmarks"
 	@echo "make format    rewrite the source in the one format"
 	@echo "make clean     remove the environment and all that was built"
@@ -77,12 +77,19 @@ test-ros: setup-ros
 
 demo: $(STAMP)
 	@mkdir -p out
-	@$(BIN)/boxgrasp demo --picture out/demo.png
+	@$(BIN)/boxgrasp demo --picture out/demo.png --save out/table.npz
+	@echo ""
+	@echo "# Go on with the table that was cast:"
+	@echo ". $(BIN)/activate"
+	@echo "boxgrasp objects out/table.npz --picture out/objects.png"
+	@echo "boxgrasp select out/table.npz --object 5 --picture out/grasp.png"
+	@echo "# docs/quick-start.md shows how to answer a view of your own."
 
-# What is compared against (Open3D) is installed here alone; helpers start with an underscore.
+# What is compared against (Open3D) is installed here alone; without it the benchmarks say so and
+# measure their own part. Helpers start with an underscore.
 bench: $(STAMP)
-	@test ! -f benchmarks/requirements.txt \
-		|| $(BIN)/python -m pip --quiet --disable-pip-version-check install -r benchmarks/requirements.txt
+	@$(BIN)/python -m pip --quiet --disable-pip-version-check install -r benchmarks/requirements.txt \
+		|| echo "make bench: what is compared against cannot be installed"
 	@for file in benchmarks/[a-z]*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 clean:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import re
 import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -25,16 +26,36 @@ def cast_captures(count: int, seed: int) -> list[Capture]:
     return captures
 
 
-def save_npz(capture: Capture, path: Path) -> None:
-    """The capture as the `.npz` that the command line reads."""
-    np.savez_compressed(
-        path,
-        depth=capture.depth,
-        intrinsics=capture.intrinsics,
-        T_base_camera=capture.T_base_camera,
-        rgb=capture.rgb,
-        target_pixel=np.array(capture.target_pixel),
-    )
+# Of which Debian package a system library is that the wheels of libraries want.
+SYSTEM_PACKAGES = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+    "libgomp.so.1": "libgomp1",
+    "libstdc++.so.6": "libstdc++6",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+}
+
+
+def lacking(module: str, install: str) -> str | None:
+    """Why a library that is compared against cannot be used, in one line; None where it can.
+
+    Args:
+        module: its name.
+        install: how it is installed.
+    """
+    try:
+        importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        return f"no {error.name}: {install}"
+    except (ImportError, OSError) as error:  # it is there, what it links to is not
+        found = re.search(r"lib[\w.+-]*\.so[.\d]*", str(error))
+        if found is None:
+            return f"{module} cannot be loaded: {error}"
+        package = SYSTEM_PACKAGES.get(found[0])
+        remedy = f": apt-get install {package}" if package else ""
+        return f"{module} cannot be loaded without the system library {found[0]}{remedy}"
+    return None
 
 
 def quartiles(milliseconds: Sequence[float]) -> str:

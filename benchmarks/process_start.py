@@ -13,8 +13,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from _measure import Finished, cast_captures, run, save_npz
+from _measure import Finished, cast_captures, run
 from select_speed import word
+
+from boxgrasp.io.npz import save_npz
 
 FIRST_S, NEXT_S = 20.0, 1.5  # the bars
 

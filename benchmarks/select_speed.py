@@ -8,15 +8,14 @@ lies in a cube of 60 cm round the target, and inserts discretized. Both are spar
 find no reasons, no unseen space, no free approach. All take turns call by call, so that other work
 on the machine weighs on all alike: trust the ratios.
 
-Open3D is wanted for nothing but this (`pip install -r benchmarks/requirements.txt`); without it
-only our own figures are printed. Peak memory is that of a fresh process that reads one capture and
-selects.
+Open3D is wanted for nothing but this (`pip install -r benchmarks/requirements.txt`); without it, or
+without a system library that it links to, that is said and only our own figures are printed. Peak
+memory is that of a fresh process that reads one capture and selects.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import tempfile
 import time
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _measure import cast_captures, quartiles, run, save_npz
+from _measure import cast_captures, lacking, quartiles, run
 
 from boxgrasp import Capture, GraspSelector, Selection
 from boxgrasp.arrays import Floats, Points
@@ -34,6 +33,7 @@ from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.candidates import candidates_of
 from boxgrasp.grasps.gripper import Gripper
+from boxgrasp.io.npz import save_npz
 from boxgrasp.mapping.local_map import MappingConfig
 from boxgrasp.perception.scene_config import SceneConfig
 from boxgrasp.ranking.sampling import grid
@@ -190,8 +190,12 @@ def contenders_of(selector: GraspSelector, alone: bool) -> dict[str, Contender]:
     }
     if alone:
         return own
-    if importlib.util.find_spec("open3d") is None:
-        print("no open3d: `pip install -r benchmarks/requirements.txt` for the comparison")
+    reasons = [
+        lacking("open3d", "pip install -r benchmarks/requirements.txt"),
+        lacking("octomap", "pip install '.[io]'"),
+    ]
+    if any(reasons):
+        print(f"no comparison, our own part alone; {'; '.join(filter(None, reasons))}")
         return own
     own["obvious"] = lambda capture: obvious(capture, crop=False)
     own["cropped, discretized"] = lambda capture: obvious(capture, crop=True)

@@ -13,8 +13,8 @@ from boxgrasp.perception.segmentation import SEGMENTATIONS
 from boxgrasp.strict import attributes_of, describe
 
 project = "boxgrasp"
-author = "the boxgrasp authors"
-project_copyright = "the boxgrasp authors, Apache-2.0"
+author = "boxgrasp contributors"
+project_copyright = "boxgrasp contributors, Apache-2.0"
 version = release = boxgrasp.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]

@@ -16,18 +16,21 @@ IMAGES = Path(__file__).parent / "images"
 WIDTH = {"demo": 1100, "objects": 760, "hand": 1000}
 
 
-def main() -> None:
+def drawn() -> dict[str, Image.Image]:
     """The demo's answer, its numbered objects and a hand, made smaller, their colors kept."""
     view, selector = demo_capture(), GraspSelector()
-    pictures = {
+    found = {
         "demo": draw_selection(view, selector.select(view)),
         "objects": draw_objects(view, selector.scene(view)),
         "hand": draw_gripper(load_gripper("robotiq-2f-85")),
     }
-    for name, picture in pictures.items():
-        height = round(picture.height * WIDTH[name] / picture.width)
-        small = picture.convert("RGB").resize((WIDTH[name], height), Image.Resampling.LANCZOS)
-        paletted(small).save(IMAGES / f"{name}.png", optimize=True)
+    return {name: paletted(smaller(picture, WIDTH[name])) for name, picture in found.items()}
+
+
+def smaller(image: Image.Image, width: int) -> Image.Image:
+    """The picture at another width."""
+    height = round(image.height * width / image.width)
+    return image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
 
 
 def paletted(image: Image.Image) -> Image.Image:
@@ -41,4 +44,5 @@ def paletted(image: Image.Image) -> Image.Image:
 
 
 if __name__ == "__main__":
-    main()
+    for name, picture in drawn().items():
+        picture.save(IMAGES / f"{name}.png", optimize=True)

@@ -3,21 +3,13 @@
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 from boxgrasp import GraspSelector, Selection, load_capture
+from boxgrasp.io.npz import save_npz
 from boxgrasp.simulate import demo_capture
 
-view = demo_capture()
 with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "table.npz"
-    np.savez(
-        path,
-        depth=view.depth,
-        intrinsics=view.intrinsics,
-        T_base_camera=view.T_base_camera,
-        target_pixel=view.target_pixel,
-    )
+    save_npz(demo_capture(), path)
     selection = GraspSelector().select(load_capture(path))
 
 line = selection.to_json()

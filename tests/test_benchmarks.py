@@ -38,7 +38,7 @@ LEAST = {
     "raycast": ["--repeats", "2"],
     "wrong_frames": ["--scenes", "1", "--most", "0"],
     "study": ["--count", "60", "--processes", "1"],
-    "select_speed": ["--rounds", "1", "--scenes", "1", "--alone"],
+    "select_speed": ["--rounds", "1", "--scenes", "1"],
 }
 
 
@@ -161,12 +161,37 @@ def test_wrong_frames_counts_what_is_caught() -> None:
     assert "no real captures in /nowhere: nothing done" in wrong
 
 
-def test_select_speed_times_itself() -> None:
-    out = printed("select_speed")
+def broken(folder: Path, module: str, library: str) -> str:
+    """A PYTHONPATH on which a module lacks a system library."""
+    text = f"raise OSError('{library}: cannot open shared object file: No such file or directory')"
+    (folder / f"{module}.py").write_text(text)
+    return os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+
+
+def test_select_speed_times_itself_where_the_rival_lacks_a_library(tmp_path: Path) -> None:
+    out = printed("select_speed", PYTHONPATH=broken(tmp_path, "open3d", "libX11.so.6"))
+    (told,) = (line for line in out.splitlines() if line.startswith("no comparison"))
+    assert told.count("libX11.so.6") == 1 and told.endswith("apt-get install libx11-6")
     off = re.search(r"off by ([\d.]+)%", out)
     assert off and float(off[1]) <= 5.0, out
     peak = re.search(r"peak memory under 400 MB: (\d+)", out)
     assert peak and 20 < int(peak[1]) < 400, out
+
+
+def test_local_map_times_itself_without_octomap(tmp_path: Path) -> None:
+    out = printed("local_map", PYTHONPATH=broken(tmp_path, "octomap", "libfoo.so.3"))
+    assert "octomap cannot be loaded without the system library libfoo.so.3\n" in out
+    rows = out.splitlines()[-2:]
+    assert all(len(re.findall(r"\d+\.\d \( *\d+\.\d\)", row)) == 2 for row in rows), out
+
+
+def test_what_a_rival_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measure = module("_measure")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert measure.lacking("json", "-") is None
+    assert measure.lacking("no_such_rival", "pip install it") == "no no_such_rival: pip install it"
+    (tmp_path / "odd_rival.py").write_text("raise ImportError('bad magic')")
+    assert measure.lacking("odd_rival", "-") == "odd_rival cannot be loaded: bad magic"
 
 
 def test_process_start_answers() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from boxgrasp import Capture, GraspSelector, Selection, __version__
+from boxgrasp import Capture, GraspSelector, Selection, __version__, load_capture
 from boxgrasp.cli import COMMANDS, command_parser, main
 from boxgrasp.cli._arguments import picture_places
 from boxgrasp.config import config_hash, load_config
@@ -693,6 +693,38 @@ def test_demo(table: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert out.exists()
     assert main(["demo", table, "--picture", str(tmp_path / "own.png")]) == 0
     assert (tmp_path / "own.png").exists()
+
+
+def test_demo_saves_the_table_that_it_shows(
+    view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, saved = tmp_path / "demo.png", tmp_path / "new" / "table.npz"
+    assert main(["demo", "--picture", str(out), "--save", str(saved)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[-2:] == [str(out), str(saved)]
+    again = load_capture(saved)
+    for name in ("depth", "intrinsics", "T_base_camera", "rgb"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(view, name))
+    assert again.target_pixel == view.target_pixel
+    assert main(["select", str(saved)]) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == told[1:-2]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--save", "table.png"], "--save table.png: valid: a name that ends in .npz"),
+        (["gone.npz", "--save", "table.npz"], "--save writes the cast table; valid: without"),
+        (["--save", "/dev/null/table.npz"], "/dev/null"),
+    ],
+)
+def test_demo_saves_no_other_thing_and_nowhere_else(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "demo.png"
+    assert main(["demo", "--picture", str(picture), *words]) == 2
+    assert said in one_line(capsys)
+    assert not picture.exists()
 
 
 def test_config_is_what_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -218,6 +218,7 @@ def test_any_line_is_answered_or_refused(
     command: str, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("boxgrasp.execution.workers_for", no_workers)
+    monkeypatch.setattr("boxgrasp.cli.warm_up.STEPS", ())  # seconds each time, whatever the words
 
     @settings(
         max_examples=8 if command == "demo" else 40, deadline=None, derandomize=True,

@@ -11,6 +11,7 @@ from PIL import Image
 
 from boxgrasp import BoxgraspError, load_capture
 from boxgrasp.errors import CaptureError, MissingExtraError
+from boxgrasp.io.npz import save_npz
 from boxgrasp.sensing.capture import Capture
 
 SEEN = view()
@@ -49,6 +50,16 @@ def test_npz_gives_back_its_arrays(tmp_path):
         whole(),
         "depth",
     )
+
+
+def test_npz_is_written_as_it_is_read(tmp_path):
+    save_npz(whole(), tmp_path / "view.npz", other=np.arange(3))
+    same(load_capture(tmp_path / "view.npz"), whole(), *ALL)
+    with np.load(tmp_path / "view.npz", allow_pickle=False) as archive:
+        assert archive["other"].tolist() == [0, 1, 2]
+    with pytest.raises(CaptureError, match="a cloud is not written"):
+        save_npz(Capture.from_cloud(np.ones((4, 3))), tmp_path / "cloud.npz")
+    assert not (tmp_path / "cloud.npz").exists()
 
 
 def test_folder_gives_back_its_images(tmp_path):

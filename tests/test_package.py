@@ -1,23 +1,26 @@
-"""Source archive and wheel: what they hold; the wheel in an empty environment and read-only."""
+"""Source archive and wheel: what they hold, that they work read-only, and their metadata."""
 
 from __future__ import annotations
 
 import ctypes
+import email
 import os
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
-import venv
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
 import pytest
+import yaml
 from packaging.metadata import Metadata
 
 from boxgrasp import __version__
+from boxgrasp.cli import COMMANDS
+from boxgrasp.io.npz import save_npz
 from boxgrasp.simulate import demo_capture
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -65,15 +68,8 @@ def wheel(unpacked: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    view = demo_capture()
     path = tmp_path_factory.mktemp("capture") / "table.npz"
-    np.savez(
-        path,
-        depth=view.depth,
-        intrinsics=view.intrinsics,
-        T_base_camera=view.T_base_camera,
-        target_pixel=view.target_pixel,
-    )
+    save_npz(demo_capture(), path)
     return path
 
 
@@ -95,8 +91,16 @@ def test_wheel_holds_all_and_only_the_package(wheel: Path) -> None:
 
 
 def test_source_archive_holds_all_that_tests_and_docs_need(unpacked: Path) -> None:
-    trees = ("src", "benchmarks", "docs", "examples", "ros", "tests", "tools")
-    singles = ("CHANGELOG.md", "LICENSE", "Makefile", "README.md", "pyproject.toml")
+    trees = ("src", "benchmarks", "docs", "examples", "ros", "tests", "tools", "container")
+    singles = (
+        "CITATION.cff",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "LICENSE",
+        "Makefile",
+        "README.md",
+    )
+    singles += ("SECURITY.md", "pyproject.toml")
     made = ("__pycache__", "_build", ".hypothesis")
     wanted = {
         str(path.relative_to(ROOT))
@@ -126,48 +130,6 @@ def test_metadata_is_what_an_index_takes(wheel: Path, unpacked: Path) -> None:
     asked = [item for item in told.requires_dist or [] if item.marker is None]
     assert {item.name for item in asked} == {*CORE}
     assert all(item.url is None for item in told.requires_dist or []), "an index refuses these"
-
-
-@pytest.mark.slow
-def test_works_in_an_empty_environment(wheel: Path, capture: Path, tmp_path: Path) -> None:
-    """From the registry, core dependencies alone, nothing shared with this environment."""
-    env = tmp_path / "env"
-    venv.create(env, with_pip=False)
-    pip("--python", env / "bin" / "python", "install", wheel)
-    clean = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "LC_ALL": "C.UTF-8"}
-    clean |= {key: value for key, value in os.environ.items() if key.startswith("OPENBLAS")}
-
-    def boxgrasp(*words: str | Path, python: bool = False) -> subprocess.CompletedProcess[str]:
-        start = [env / "bin" / "python", "-m", "boxgrasp"] if python else [env / "bin" / "boxgrasp"]
-        return subprocess.run(
-            [*map(str, [*start, *words])], capture_output=True, text=True, cwd=tmp_path, env=clean
-        )
-
-    assert boxgrasp("--version").stdout == f"boxgrasp {__version__}\n"
-    assert boxgrasp("--version", python=True).stdout == f"boxgrasp {__version__}\n"
-    first = boxgrasp("select", "--json", capture)
-    assert first.returncode == 0, first.stderr
-    assert '"status": "' in first.stdout
-    assert first.stderr.count("compiling kernels") == 1, "the first run says that it compiles"
-    second = boxgrasp("select", "--json", capture)
-    assert second.returncode == 0 and second.stderr == "", "the second finds the kernels cached"
-    write_pcd(tmp_path / "cloud.pcd")
-    cloud = boxgrasp("objects", "cloud.pcd")
-    assert cloud.returncode == 0 and "objects; meters" in cloud.stdout, cloud.stderr
-    demo = boxgrasp("demo", "--picture", "demo.png")
-    assert demo.returncode == 0, demo.stderr
-    assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
-
-
-def write_pcd(path: Path) -> None:
-    """The demo's view as a cloud in the PCD format, as text."""
-    points, _ = demo_capture().valid_points()
-    points = points[::4]
-    head = ["VERSION 0.7", "FIELDS x y z", "SIZE 4 4 4", "TYPE F F F", "COUNT 1 1 1"]
-    head += [f"WIDTH {len(points)}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0"]
-    head += [f"POINTS {len(points)}", "DATA ascii"]
-    rows = (f"{x:.4f} {y:.4f} {z:.4f}" for x, y, z in points.tolist())
-    path.write_text("\n".join([*head, *rows, ""]))
 
 
 def drop_override() -> None:
@@ -205,6 +167,67 @@ def run_sealed(env: Mapping[str, str], *words: str | Path) -> subprocess.Complet
     )
 
 
+def test_metadata_names_authors_and_addresses(wheel: Path) -> None:
+    """As a registry shows them; what is under the project's address is there."""
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        said = email.message_from_bytes(archive.read(name))
+    assert said["Author"] == "boxgrasp contributors"
+    urls = dict(line.split(", ") for line in said.get_all("Project-URL", []))
+    assert set(urls) == {"Homepage", "Documentation", "Source", "Issues", "Changelog"}
+    assert said["Description-Content-Type"] == "text/markdown"
+    listed = (ROOT / "docs" / "install.md").read_text("utf-8")
+    for extra in {*said.get_all("Provides-Extra", [])} - {"dev"}:
+        assert f"| `{extra}` |" in listed
+    assert said.get_payload() == (ROOT / "README.md").read_text("utf-8")
+
+
+def texts_with_addresses() -> dict[str, str]:
+    names = ["pyproject.toml", "CITATION.cff", "README.md", "CONTRIBUTING.md", "SECURITY.md"]
+    names += [f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")]
+    return {name: (ROOT / name).read_text("utf-8") for name in names}
+
+
+def test_one_address_stands_everywhere_and_what_it_names_is_there() -> None:
+    found = set()
+    for name, text in texts_with_addresses().items():
+        for home, path in re.findall(
+            r"https://(?:raw\.githubusercontent|github)\.com/([^/\s]+/[^/\s\")`]+)([^\s\")`]*)",
+            text,
+        ):
+            found.add(home)
+            place = re.sub(r"^/(blob/|tree/|raw/)?main/|#.*$", "", path)
+            if place and not re.match(r"/(issues|security)", place):
+                assert (ROOT / place).exists(), f"{name}: {path}"
+    assert found == {"boxgrasp/boxgrasp"}
+
+
+def test_pictures_and_links_of_the_readme_are_absolute() -> None:
+    """A registry shows the README without the files beside it."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    links = re.findall(r"\]\(([^)\s]+)\)", text)
+    assert len(links) > 10 and all(link.startswith("https://") for link in links)
+    assert re.search(r"!\[[^\]]+\]\(https://raw\.githubusercontent\.com/", text)
+
+
+def test_citation_has_the_version_and_the_form_that_is_asked() -> None:
+    said = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert said["version"] == __version__
+    assert {"cff-version", "message", "title", "authors"} <= set(said)
+    assert said["cff-version"] == "1.2.0" and said["type"] == "software"
+    assert said["authors"] == [{"name": "boxgrasp contributors"}]
+
+
+def test_container_recipe_uses_files_and_commands_that_are_there() -> None:
+    recipe = (ROOT / "container" / "Dockerfile").read_text("utf-8")
+    copied = [line.split()[1:-1] for line in recipe.splitlines() if line.startswith("COPY p")]
+    copied += [line.split()[1:-1] for line in recipe.splitlines() if line.startswith("COPY s")]
+    let_in = (ROOT / ".dockerignore").read_text("utf-8").splitlines()
+    for name in sum(copied, []):
+        assert (ROOT / name).exists() and f"!{name}" in let_in
+    assert all(command in COMMANDS for command in re.findall(r"boxgrasp ([\w-]+)", recipe)[1:])
+
+
 @pytest.mark.slow
 def test_works_from_a_folder_that_cannot_be_written(
     sealed: tuple[Path, dict[str, str]], capture: Path
@@ -222,6 +245,10 @@ def test_works_from_a_folder_that_cannot_be_written(
     assert '"status": "' in done.stdout
     assert done.stderr.count("cannot be cached") == 1, done.stderr
     assert "Traceback" not in done.stderr
+    done = run_sealed(env, "-m", "boxgrasp", "warm-up")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("boxgrasp: compiled kernels can be kept nowhere")
+    assert done.stderr.count("\n") == 1 and "valid: NUMBA_CACHE_DIR" in done.stderr
 
 
 def test_wheels_exist_for_a_robot() -> None:

@@ -14,6 +14,7 @@ import logging
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import Any, NoReturn
 
 from boxgrasp.version import __version__
@@ -26,6 +27,7 @@ COMMANDS = {
     "demo": "cast a cluttered table, select, and write the picture",
     "gripper": "list and show hands, or make one from a URDF",
     "config": "print the configuration as it is resolved",
+    "warm-up": "compile every kernel once, so that no command waits for it later",
     "simulate": "cast a set of labeled scenarios with their truth",
     "train": "train the thesis's eight SVMs on a set",
     "evaluate": "hold every ranker against the truth of a set",
@@ -33,7 +35,7 @@ COMMANDS = {
     "completion": "print what makes a shell complete commands, options and files",
 }
 _WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce")
-_WITH_KERNELS = ("select", "objects", "explain", "demo")
+_WITH_KERNELS = ("select", "objects", "explain", "demo", "warm-up")
 FAILED = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -157,7 +159,7 @@ def _run(arguments: list[str]) -> int:
 def _answer(command: str, args: argparse.Namespace) -> int:
     from boxgrasp.errors import BoxgraspError
 
-    module = importlib.import_module(f"boxgrasp.cli.{command}")
+    module = _module_of(command)
     try:
         # Numba imports scipy where it is installed, 0.3 s for matrix products that no kernel has.
         with contextlib.nullcontext() if command in _WITH_SCIPY else _hidden("scipy"):
@@ -197,6 +199,10 @@ def reason(error: Exception) -> str:
     else:
         text = f"internal error: {type(error).__name__}: {error}"
     return " ".join(text.split())
+
+
+def _module_of(command: str) -> ModuleType:
+    return importlib.import_module(f"boxgrasp.cli.{command.replace('-', '_')}")
 
 
 @contextlib.contextmanager
@@ -264,7 +270,7 @@ def fill_parser(parser: Parser, command: str) -> None:
         parser: that knows nothing yet.
         command: a key of `COMMANDS`.
     """
-    module = importlib.import_module(f"boxgrasp.cli.{command}")
+    module = _module_of(command)
     parser.description = module.__doc__
     module.add_arguments(parser)
     _add_loudness(parser)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points
+from boxgrasp.arrays import Floats, Points, readonly
 from boxgrasp.kernels._threads import run_chunks
 from boxgrasp.kernels.uprights import cells_to_uprights, columns_to_uprights, filled_shares
 
@@ -128,8 +128,8 @@ def to_cells(
     return cells_to_uprights(
         boxes,
         outer,
-        np.ascontiguousarray(centers_m, dtype=np.float64),
-        np.ascontiguousarray(edges_m, dtype=np.float64),
+        _closed(centers_m),
+        _closed(edges_m),
         float(np.cos(yaw_rad)),
         float(np.sin(yaw_rad)),
         cap_m,
@@ -149,7 +149,7 @@ def filled_fraction(hands: Floats, centers_m: Floats, edge_m: float, grow_m: flo
         (M,) float64, 0 to 1.
     """
     boxes, outer = _grouped(hands)
-    return filled_shares(boxes, outer, centers_m, edge_m, grow_m)
+    return filled_shares(boxes, outer, _closed(centers_m), edge_m, grow_m)
 
 
 def to_plane(hands: Floats, normal: Floats, offset_m: float) -> Floats:
@@ -193,12 +193,17 @@ def lowest_corners(hands: Floats, normal: Floats) -> Floats:
     return np.asarray(corners[np.arange(len(corners)), lowest])
 
 
+def _closed(array: Floats) -> Floats:
+    """A view in one piece and closed to writing, so that kernels are compiled for one kind."""
+    return readonly(np.ascontiguousarray(array, dtype=np.float64).view())
+
+
 def _grouped(hands: Floats) -> tuple[Floats, Floats]:
     """(M, B, 8) boxes of each hand, and (M, 8) a box round them."""
     if hands.ndim == 2:
-        return np.ascontiguousarray(hands[:, None]), np.ascontiguousarray(hands)
+        return _closed(hands[:, None]), _closed(hands)
     if hands.shape[1] == 1:
-        return np.ascontiguousarray(hands), np.ascontiguousarray(hands[:, 0])
+        return _closed(hands), _closed(hands[:, 0])
     c, s = hands[:, :1, 2], hands[:, :1, 3]
     u, v = hands[..., 0] * c + hands[..., 1] * s, hands[..., 1] * c - hands[..., 0] * s
     low_u, high_u = (u - hands[..., 4]).min(axis=1), (u + hands[..., 4]).max(axis=1)
@@ -214,4 +219,4 @@ def _grouped(hands: Floats) -> tuple[Floats, Floats]:
         hands[..., 6].min(axis=1),
         hands[..., 7].max(axis=1),
     )
-    return np.ascontiguousarray(hands), np.ascontiguousarray(np.column_stack(columns))
+    return _closed(hands), _closed(np.column_stack(columns))

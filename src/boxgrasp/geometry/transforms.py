@@ -93,7 +93,7 @@ def validate_transform(T: ArrayLike, name: str) -> Floats:
         BoxgraspError: wrong shape, NaN, mirrored, scaled or otherwise not a rigid transform.
     """
     try:
-        matrix = np.array(T, dtype=np.float64)
+        matrix = np.array(T, dtype=np.float64, order="C")  # one form for the kernels
     except (TypeError, ValueError, OverflowError):
         raise BoxgraspError(f"{name} is not numeric; valid: a (4, 4) rigid transform") from None
     if matrix.shape != (4, 4):

@@ -60,6 +60,24 @@ def load_npz(path: Path) -> Capture:
     return capture if lens is None else undistorted(capture, lens, "distortion")
 
 
+def save_npz(capture: Capture, out: str | Path | IO[bytes], **more: NDArray[Any]) -> None:
+    """Write a capture as a numpy archive, compressed.
+
+    Args:
+        capture: of a depth image.
+        out: the file's path, or a file that is open for bytes.
+        more: (...) further arrays by their names; `load_capture` passes them over.
+
+    Raises:
+        CaptureError: the capture is a cloud, which such an archive does not hold.
+    """
+    if capture.depth is None:
+        raise CaptureError("a cloud is not written as .npz; valid: a capture of a depth image")
+    arrays = {key: getattr(capture, key) for key in KEYS}
+    held = {key: np.asarray(value) for key, value in arrays.items() if value is not None}
+    np.savez_compressed(out, **held, **more)  # type: ignore[arg-type]
+
+
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> NDArray[Any]:
     """One .npy member; its header is believed only as far as the member's own size."""
     if info.file_size > _MAX_BYTES:

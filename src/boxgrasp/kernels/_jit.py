@@ -35,6 +35,7 @@ class _CompileNotice(event.Listener):
 event.register("numba:compile", _CompileNotice())
 held_at_fork(global_compiler_lock)
 _cache_warned = False
+_made: list[Any] = []
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
@@ -54,4 +55,35 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
             _cache_warned = True
             _log.warning("kernels cannot be cached and compile in every process: %s", error)
         compiled = numba.njit(nogil=True)(function)
+    _made.append(compiled)
     return compiled
+
+
+def signatures() -> dict[str, tuple[str, ...]]:
+    """What each kernel was called with in this process, so far as its module is imported.
+
+    Returns:
+        By `module.name`, the types of every call that was compiled or loaded.
+    """
+    return {
+        f"{one.py_func.__module__}.{one.py_func.__name__}": tuple(map(str, one.signatures))
+        for one in _made
+    }
+
+
+def compiled_count() -> int:
+    """How many kernels this process compiled, since it found them in no cache.
+
+    Returns:
+        The number, a kernel for other types counted again.
+    """
+    return sum(sum(one.stats.cache_misses.values()) for one in _made)
+
+
+def cache_folder() -> str | None:
+    """Where compiled kernels are kept.
+
+    Returns:
+        The folder, or None where none can be written.
+    """
+    return next((one.stats.cache_path for one in _made if one.stats.cache_path), None)

@@ -95,7 +95,8 @@ def place_view(
     """
     optical, given = capture.cloud_frame == "optical", capture.T_base_camera
     up: Floats | None = np.array([0.0, 0.0, 1.0])
-    camera_position_m = None if given is None else given[:3, 3]
+    # A copy in one piece: for a view into T a kernel would be compiled once more.
+    camera_position_m = None if given is None else np.array(given[:3, 3])
     if optical:
         up, camera_position_m = None if given is None else given[2, :3], np.zeros(3)
     plane = find_support_plane(points, up, camera_position_m, max_range_m, sensor)

@@ -19,7 +19,7 @@ from boxgrasp.arrays import Array
 from boxgrasp.errors import ConfigError, MissingExtraError
 from boxgrasp.execution import Store, Workers, finish
 from boxgrasp.forks import cached_property
-from boxgrasp.io.npz import KEYS
+from boxgrasp.io.npz import save_npz
 from boxgrasp.ranking.model_set import SAMPLINGS
 from boxgrasp.simulate.objects import load_objects
 from boxgrasp.strict import build, plain
@@ -193,9 +193,7 @@ def capture_bytes(task: tuple[RowConfig, int]) -> bytes:
     scenario, run = scenario_of_row(config, number // config.runs), number % config.runs
     capture, object_ids = scenario.capture(config.recipe.noise, run * config.frames)
     out = io.BytesIO()
-    arrays = {name: getattr(capture, name) for name in KEYS}
-    held = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-    np.savez_compressed(out, object_ids=object_ids.astype(np.int16), **held)  # type: ignore[arg-type]
+    save_npz(capture, out, object_ids=object_ids.astype(np.int16))
     return out.getvalue()
 
 
