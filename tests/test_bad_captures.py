@@ -190,7 +190,7 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "fx huge": (camera(fx=10**400), "no finite number as fx"),
     "fx negative": (camera(fx=-30.0), "fx = -30"),
     "cx far": (camera(cx=9000), "cx = 9000"),
-    "distorted": (camera(k1=0.1), "rectified"),
+    "distorted": (camera(coeffs=[[0.1]]), "rectified"),
     "another size": (camera(width=WIDTH + 1), "32 x 24 pixels; valid: 33 x 24"),
     "half a pixel": (camera(width=WIDTH + 0.5), "whole pixels"),
     "depth cut": (cut("depth.png"), "truncated|damaged"),

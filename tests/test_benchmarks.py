@@ -36,6 +36,7 @@ LEAST = {
     "local_map": ["--rounds", "1"],
     "process_start": ["--rounds", "1", "--warm"],
     "raycast": ["--repeats", "2"],
+    "wrong_frames": ["--scenes", "1", "--most", "0"],
     "study": ["--count", "60", "--processes", "1"],
     "select_speed": ["--rounds", "1", "--scenes", "1"],
 }
@@ -150,6 +151,14 @@ def test_cast_scenes_judges_one_scene() -> None:
     assert told.count("answered by a grasp") == 3  # once a segmentation
     assert re.search(r"answered by a grasp +[12] of +2 ", wide) and "unhidden targets" in told
     assert "1 scenes" in out and "hopeless" not in out
+
+
+def test_wrong_frames_counts_what_is_caught() -> None:
+    out = printed("wrong_frames", BOXGRASP_SHARED="/nowhere")
+    right, wrong = out.split("wrong frames")
+    assert right.count("doubted   0 of   1  held") == 5
+    assert wrong.count("caught   1 of   1") == 9 and wrong.count("named   1") == 2
+    assert "no real captures in /nowhere: nothing done" in wrong
 
 
 def broken(folder: Path, module: str, library: str) -> str:

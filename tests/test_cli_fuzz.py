@@ -48,6 +48,45 @@ FILES += ("empty.npz", "empty.ply", "empty.pcd", "empty.bag", "empty.mcap", "emp
 FILES += ("out.png", "out/deep/out.png", "empty.jsonl", "empty.yaml", "set", "models")
 
 
+LINK = (
+    '<link name="{0}"><collision><geometry><box size="0.02 0.02 0.06"/></geometry></collision>'
+    "</link>"
+)
+JOINT = (
+    '<joint name="j{0}" type="prismatic"><parent link="palm"/><child link="{0}"/>'
+    '<origin xyz="0 {1} 0.06"/><axis xyz="0 {2} 0"/><limit lower="0" upper="0.04" effort="1" '
+    'velocity="1"/></joint>'
+)
+URDF = '<robot name="hand">' + "".join(LINK.format(name) for name in ("palm", "a", "b"))
+URDF += JOINT.format("a", 0.01, 1) + JOINT.format("b", -0.01, -1) + "</robot>"
+# Values that an option can use, by its name.
+FITTING: dict[str, tuple[str, ...]] = {
+    "captures": ("table.npz",),
+    "scan": ("table.npz",),
+    "pixel": ("60", "80"),
+    "box": ("60", "90"),
+    "object": ("1",),
+    "point": ("0", "0.05"),
+    "mask": ("mask.png",),
+    "robot_mask": ("mask.png",),
+    "targets": ("targets.txt",),
+    "config": ("empty.yaml", "faces.yaml"),
+    "gripper": ("hand.yaml", "thesis", "franka-hand"),
+    "hand": ("hand.yaml", "thesis", "hand.urdf"),
+    "palm": ("palm",),
+    "flange": ("palm",),
+    "fingers": ("a,b", "a,palm"),
+    "faces": ("front,left", "top-parallel"),
+    "ranker": ("random", "single-grid"),
+    "picture": ("out.png", "out/deep/out.png"),
+    "masks": ("masks.png",),
+    "out": ("new", "set"),
+    "count": ("1", "50"),
+    "lines": ("3", "5"),
+    "seed": ("0", "7"),
+}
+
+
 def fill(folder: Path) -> None:
     """Write the files that `FILES` names, a small view among them."""
     view = _two_blocks()
@@ -59,8 +98,10 @@ def fill(folder: Path) -> None:
     (folder / "binary").write_bytes(bytes(range(256)) * 9)
     (folder / "text.txt").write_text("some: text\n- that is\nnothing: [\n")
     (folder / "list.yaml").write_text("[1, 2, 3]\n")
-    (folder / "deep.yaml").write_text("[" * 3000)
+    (folder / "deep.yaml").write_text("[" * 1200)
     (folder / "hand.yaml").write_text("max_opening_m: 0.1\n")
+    (folder / "faces.yaml").write_text("candidates: {faces: [front]}\n")
+    (folder / "hand.urdf").write_text(URDF)
     (folder / "objects.yaml").write_text("objects: {a: {set: known, color: [1, 2, 3]}}")
     (folder / "targets.txt").write_text("table.npz --object 1\ngone.npz\n# nothing\n\n")
     (folder / "answers.jsonl").write_text('{"schema": 2}\n[]\n{"capture": "a", "error": "b"}\n')
@@ -117,7 +158,8 @@ def value_of(action: argparse.Action) -> st.SearchStrategy[str]:
         own = st.sampled_from(NUMBERS)
     else:
         own = st.sampled_from((*FILES, *TEXTS))
-    return st.one_of(own, own, own, ANY)
+    fitting = st.sampled_from(FITTING[action.dest]) if action.dest in FITTING else own
+    return st.one_of(fitting, fitting, own, ANY)
 
 
 def words_of(action: argparse.Action) -> st.SearchStrategy[list[str]]:
@@ -179,7 +221,7 @@ def test_any_line_is_answered_or_refused(
     monkeypatch.setattr("boxgrasp.cli.warm_up.STEPS", ())  # seconds each time, whatever the words
 
     @settings(
-        max_examples=40, deadline=None, derandomize=True,
+        max_examples=8 if command == "demo" else 40, deadline=None, derandomize=True,
         suppress_health_check=list(HealthCheck), database=None,
     )  # fmt: skip
     @given(line=lines(command))

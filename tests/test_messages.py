@@ -26,6 +26,7 @@ from boxgrasp.io.messages import (
     read_compressed_depth,
     read_depth,
     read_intrinsics,
+    read_lens,
     read_mask,
     stamp_ns,
 )
@@ -168,7 +169,12 @@ def info_message(upper: bool = False, **changes: Any) -> Message:
     fields.update({name: value for name, value in changes.items() if name in fields})
     size = {"width": WIDTH, "height": HEIGHT}
     size.update({name: value for name, value in changes.items() if name in size})
-    return Message(**size, **{n.upper() if upper else n: value for n, value in fields.items()})
+    model = changes.get("distortion_model", "plumb_bob")
+    return Message(
+        **size,
+        distortion_model=model,
+        **{n.upper() if upper else n: value for n, value in fields.items()},
+    )
 
 
 def cloud_message(
@@ -398,8 +404,9 @@ def test_camera_info_gives_k_and_p_where_rectified(upper):
     bent = info_message(upper, d=array("d", [0.1, 0, 0, 0, 0]))
     rectified = read_intrinsics(bent, "/camera_info", "/depth/image_rect", size)
     np.testing.assert_array_equal(rectified, SEEN.intrinsics + np.diag([1, 1, 0]))
-    with pytest.raises(CaptureError, match="/camera_info has lens distortion; valid: a rectified"):
-        read_intrinsics(bent, "/camera_info", "/depth/image_raw", size)
+    assert read_lens(bent, "/camera_info", "/depth/image_rect") is None
+    lens = read_lens(bent, "/camera_info", "/depth/image_raw")
+    assert lens is not None and lens.coefficients == (0.1, 0, 0, 0, 0)
     none = info_message(upper, d=[])
     np.testing.assert_array_equal(read_intrinsics(none, "i", "/depth/image_raw", size), K)
 
@@ -663,13 +670,24 @@ def test_clouds_with_other_fields_are_refused():
         ({"k": np.zeros(8)}, "8 numbers in k; valid: 9"),
         ({"k": None}, "1 numbers in k"),
         ({"k": ["a"] * 9}, "a k that is no list of numbers"),
-        ({"d": ["a"]}, "a d that is no list of numbers"),
-        ({"d": [np.nan]}, "distortion"),
     ],
 )
 def test_malformed_camera_infos_are_refused(changes, message):
     info = info_message(**changes)
     assert message in refused(read_intrinsics, info, "/info", "/image_raw", (WIDTH, HEIGHT))
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"d": ["a"]}, "a d that is no list of numbers"),
+        ({"d": [np.nan]}, "CameraInfo on /info has lens distortion"),
+        ({"d": [0.1] * 5, "distortion_model": "bent"}, "model 'bent'"),
+        ({"d": [0.1] * 5, "distortion_model": 3}, "distortion_model"),
+    ],
+)
+def test_malformed_distortions_are_refused(changes, message):
+    assert message in refused(read_lens, info_message(**changes), "/info", "/image_raw")
 
 
 def test_missing_fields_are_named():
@@ -682,8 +700,9 @@ def test_missing_fields_are_named():
         (cloud_capture, (plain_cloud(), "optical"), "header"),
         *(
             (read_intrinsics, (info_message(), "i", "/image_raw", (WIDTH, HEIGHT)), n)
-            for n in ("k", "d", "width")
+            for n in ("k", "width")
         ),
+        (read_lens, (info_message(), "i", "/image_raw"), "d"),
     )
     for call, (message, *others), name in named:
         bare = without(Message(**vars(message)), name)

@@ -25,7 +25,7 @@ PYTHONS = ("3.11", "3.12", "3.13")
 PROCESSORS = ("x86_64", "aarch64")
 GLIBC = (39, 35, 34, 31, 28, 27, 24, 17)  # what a wheel may ask for, manylinux_2_N
 # Not `urdf`: trimesh leaves embreex out on aarch64, which pip judges by the machine it runs on.
-EXTRAS = ("io", "sim", "train", "network", "cluster")
+EXTRAS = ("io", "lens", "sim", "train", "network", "cluster")
 MISSING, OFFLINE = 1, 3
 
 

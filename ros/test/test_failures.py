@@ -66,7 +66,7 @@ def both(message: View) -> None:
 
 
 def distorted(message: View) -> None:
-    message.camera_info.d = [0.1, 0.0, 0.0, 0.0, 0.0]
+    message.camera_info.d = [-1.0, 0.0, 0.0, 0.0, 0.0]  # no small one
 
 
 BAD_VIEWS = {

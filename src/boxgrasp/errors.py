@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+FrameCode = Literal[
+    "no_level_plane", "support_plane_tilted", "larger_plane_tilted", "cloud_in_base_frame"
+]
+PoseReading = Literal["inverse", "camera_link", "opengl"]
 TransformCode = Literal["unknown_frame", "not_connected", "too_old", "too_new", "malformed"]
 
 
@@ -34,6 +38,37 @@ class CaptureError(BoxgraspError):
 
 class SceneError(BoxgraspError):
     """No support plane, or nothing stands on it."""
+
+
+class FramesError(SceneError):
+    """The frames that a view was given in do not fit what it shows.
+
+    Attributes:
+        code: 'no_level_plane', the plane that is seen is tilted against `T_base_camera`; or
+            'cloud_in_base_frame', a cloud taken as optical has z up.
+        tilt_rad: of that plane, rad; None where no pose is doubted.
+        fits: under which readings of the pose it would be level: 'inverse'; 'camera_link', x
+            forward, y left, z up; 'opengl', y up, z backward.
+    """
+
+    code: FrameCode
+    tilt_rad: float | None
+    fits: tuple[PoseReading, ...]
+
+    def __init__(
+        self,
+        code: FrameCode,
+        message: str,
+        tilt_rad: float | None = None,
+        fits: tuple[PoseReading, ...] = (),
+    ) -> None:
+        super().__init__(code, message, tilt_rad, fits)
+        self.code = code
+        self.tilt_rad = tilt_rad
+        self.fits = fits
+
+    def __str__(self) -> str:
+        return str(self.args[1])
 
 
 class TargetError(BoxgraspError):

@@ -245,7 +245,7 @@ class GraspSelector:
             scene = scene.with_scans(scans, config.scene.sensor_model)
         clock.lap("scene")
         # 2. A box round the target, and which of its edges are hidden (2-1).
-        scene, points = stand_target(scene, find_target(scene, capture, target))
+        scene, points = stand_target(scene, _target_points(scene, capture, target))
         window = scene.target_window(points.target_mask, REACH_PX)
         placed = self._placed_box(scene, points.target_mask, window)
         box = placed.box
@@ -496,6 +496,16 @@ class Clock:
     def timings_ms(self) -> dict[str, float]:
         """Milliseconds by stage, and `total`."""
         return {**self._laps, "total": (time.perf_counter() - self._start) * 1e3}
+
+
+def _target_points(scene: Scene, capture: Capture, target: Target | None) -> TargetPoints:
+    """The target's points; where there are none, wrong frames may be why."""
+    try:
+        return find_target(scene, capture, target)
+    except TargetError as error:
+        if scene.frame_doubt is None:
+            raise
+        raise TargetError(f"{error}; {scene.frame_doubt.message}") from None
 
 
 def _reports(context: RankingContext, ranking: Ranking) -> tuple[Candidate, ...]:

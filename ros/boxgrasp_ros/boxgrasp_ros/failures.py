@@ -10,6 +10,7 @@ from boxgrasp.errors import (
     BoxgraspError,
     CaptureError,
     MapError,
+    MissingExtraError,
     SceneError,
     TargetError,
     TransformError,
@@ -18,6 +19,7 @@ from boxgrasp.errors import (
 _LONGEST: Final = 400  # characters of a sentence
 _CODES: Final[tuple[tuple[type[BoxgraspError], int], ...]] = (
     (CaptureError, Status.BAD_VIEW),
+    (MissingExtraError, Status.BAD_VIEW),  # what would undo its lens distortion is not installed
     (SceneError, Status.BAD_SCENE),
     (TargetError, Status.BAD_TARGET),
     (MapError, Status.BAD_MAP),

@@ -75,6 +75,12 @@ def add_captures(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
         metavar="CAPTURE",
         help=".npz, folder, .pcd, .ply, bag or MCAP; each gets its own answer",
     )
+    parser.add_argument(
+        "--T-base-camera",
+        metavar="FILE",
+        help="the camera's pose, .json, .yaml or .npy: 4 x 4, or position and quaternion; goes "
+        "before a CAPTURE's own",
+    )
     add_reading(parser)
 
 
@@ -310,6 +316,27 @@ def resolve_config(args: argparse.Namespace) -> Config:
 
 
 def load_capture(path: str, args: argparse.Namespace) -> Capture:
+    """Read a capture that is asked for, with the pose that the options give it.
+
+    Args:
+        path: of the capture.
+        args: with what `add_captures` added.
+
+    Returns:
+        The capture; the pose of --T-base-camera goes before its own, which it then warns of.
+
+    Raises:
+        BoxgraspError: as `read_capture`, or the pose cannot be read.
+    """
+    capture = read_capture(path, args)
+    if args.T_base_camera is None:
+        return capture
+    from boxgrasp.io.pose import load_pose
+
+    return capture.with_pose(load_pose(args.T_base_camera))
+
+
+def read_capture(path: str, args: argparse.Namespace) -> Capture:
     """Read a capture as the options say.
 
     Args:
@@ -355,7 +382,7 @@ def load_surroundings(args: argparse.Namespace) -> tuple[list[Capture], MapCells
         from boxgrasp.io.octomap import read_octomap
 
         octomap = read_octomap(args.octomap)
-    return [load_capture(path, args) for path in args.scan], octomap
+    return [read_capture(path, args) for path in args.scan], octomap
 
 
 def target_of(args: argparse.Namespace) -> Target | None:

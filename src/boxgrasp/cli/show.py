@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         if selection.capture is None:
             raise BoxgraspError("the answer names no capture; valid: answers of boxgrasp select")
         path = _arguments.beside(selection.capture, args.answers)
-        draw_selection(_arguments.load_capture(path, args), selection, place)
+        draw_selection(_arguments.read_capture(path, args), selection, place)
         print(place, flush=True)
 
     return _batch.each([f"{args.answers}:{n + 1}" for n in range(len(lines))], draw)

@@ -96,6 +96,6 @@ def facts_of(selection: Selection) -> list[tuple[str, str]]:
 def _passing(selection: Selection) -> str:
     passing = selection.passing
     counts = f"{len(passing)} of {len(selection.candidates)} candidates"
-    names = [f"{candidate.label} {candidate.name}" for candidate in passing[:_NAMED]]
+    names = [f"{candidate.name} ({candidate.label})" for candidate in passing[:_NAMED]]
     more = f" and {len(passing) - _NAMED} more" if len(passing) > _NAMED else ""
     return f"{counts}, best first: {', '.join(names)}{more}" if names else counts

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from boxgrasp.arrays import Array, Floats, readonly
 from boxgrasp.errors import BoxgraspError
 
+# A camera's optical frame (z forward, x right, y down) in its link (x forward, y left, z up).
+T_LINK_OPTICAL: Final = readonly(
+    np.array(
+        [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
+)
 _ROTATION_TOLERANCE = 1e-3  # of R^T R from the identity: what float32 and text files lose
 
 
@@ -93,10 +101,14 @@ def validate_transform(T: ArrayLike, name: str) -> Floats:
     if not np.isfinite(matrix).all():
         raise BoxgraspError(f"{name} holds NaN or infinity; valid: finite numbers")
     if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
-        raise BoxgraspError(f"{name} has last row {matrix[3].tolist()}; valid: [0, 0, 0, 1]")
+        turned = np.allclose(matrix[:, 3], (0.0, 0.0, 0.0, 1.0), atol=1e-9)
+        hint = " (the matrix is transposed)" if turned else ""
+        raise BoxgraspError(f"{name} has last row {matrix[3].tolist()}{hint}; valid: [0, 0, 0, 1]")
     rotation = matrix[:3, :3]
     if np.linalg.det(rotation) < 0:
-        raise BoxgraspError(f"{name} is mirrored (determinant below 0); valid: a rotation")
+        raise BoxgraspError(
+            f"{name} is mirrored, its axes left-handed (determinant below 0); valid: a rotation"
+        )
     if not np.allclose(rotation.T @ rotation, np.eye(3), atol=_ROTATION_TOLERANCE):
         scale = float(np.cbrt(np.linalg.det(rotation)))
         raise BoxgraspError(f"{name} is not a rotation (scale {scale:.4g}); valid: orthonormal")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from boxgrasp.arrays import Floats
-from boxgrasp.errors import CaptureError, TransformError
+from boxgrasp.errors import CaptureError, MissingExtraError, TransformError
 from boxgrasp.io.fields import frame_id_of
 from boxgrasp.io.frames import TransformBuffer
 from boxgrasp.io.messages import COLOR_NEAR_NS, cloud_capture, depth_capture, nearest_color
@@ -250,17 +250,18 @@ def _capture(bag: _Bag, how: _How, topic: str | None, stamp: float | None) -> Ca
 
 
 def _first_usable(bag: _Bag, how: _How, topic: str | None) -> tuple[_Message, Capture]:
-    usable, reason, tries = bag.usable, "", Counter[str]()
+    usable, tries = bag.usable, Counter[str]()
+    reason: CaptureError | MissingExtraError | None = None
     for message in bag.read(usable if topic is None else [topic], None):
         if tries[message.topic] == _TRIES:
             continue
         try:
             return message, _capture_of(bag, message, how)
-        except CaptureError as error:
+        except (CaptureError, MissingExtraError) as error:
             tries[message.topic] += 1
-            reason = reason or f"{message.topic}: {error}"
+            reason = reason or type(error)(f"{message.topic}: {error}")
     listed = ", ".join(usable) or _NO_VIEW
-    raise CaptureError(reason or f"bag has no message to use; topics: {listed}")
+    raise reason or CaptureError(f"bag has no message to use; topics: {listed}")
 
 
 def _nearest_capture(bag: _Bag, topic: str, how: _How, stamp: float) -> Capture:

@@ -13,12 +13,18 @@ from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError, CodedWarning
 from boxgrasp.io.images import read_color, read_depth_png, read_mask
+from boxgrasp.io.lens import FISHEYE, Lens, lens_of, undistorted
 from boxgrasp.sensing.capture import Capture
 
+_CAMERA: Final = "intrinsics.json"
 _CAMERA_KEYS: Final = ("fx", "fy", "cx", "cy", "width", "height")
 _CAPTURE_KEYS: Final = ("T_base_camera", "depth_scale", "target_pixel")
 _COLOR_NAMES: Final = ("color.png", "color.jpg", "color.jpeg")
 _DISTORTION: Final = re.compile(r"(?i)k[1-9]|p[1-9]|s[1-4]|tau.*|[dk]|.*(dist|coef).*")
+_NAMED: Final = re.compile(r"(?i)k[1-9]|p[1-9]|s[1-4]|tau.*")  # a coefficient by its own name
+_ORDER: Final = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_FOURTH: Final = "k4"  # of two models, which do not mean the same by it
+_FISHEYE_ORDER: Final = ("k1", "k2", "k3", "k4")
 _MAX_JSON_BYTES: Final = 1 << 20  # a few numbers take less
 _MILLIMETER: Final = 0.001  # m
 
@@ -36,7 +42,9 @@ def load_folder(folder: Path) -> Capture:
     Raises:
         CaptureError: a file is missing, damaged, or does not fit the others.
     """
-    intrinsics, size = _read_intrinsics(folder / "intrinsics.json")
+    camera = _read_json(folder / _CAMERA)
+    intrinsics, size = _intrinsics(camera)
+    lens = _lens(camera)
     told, warnings = _read_told(folder / "capture.json")
     raw = read_depth_png(_regular(folder / "depth.png"), size)
     color = next((folder / name for name in _COLOR_NAMES if (folder / name).exists()), None)
@@ -50,6 +58,8 @@ def load_folder(folder: Path) -> Capture:
         target_pixel=told.get("target_pixel"),
         robot_mask=read_mask(_regular(robot_mask), size) if robot_mask.exists() else None,
     )
+    if lens is not None:
+        capture = undistorted(capture, lens, _CAMERA)
     return capture.with_warnings(*warnings)
 
 
@@ -77,24 +87,62 @@ def _read_json(path: Path) -> dict[str, Any]:
     return found
 
 
-def _read_intrinsics(path: Path) -> tuple[NDArray[np.float64], tuple[int, int]]:
+def _intrinsics(found: dict[str, Any]) -> tuple[NDArray[np.float64], tuple[int, int]]:
     """(3, 3) rows in pixels, and (width, height)."""
-    found = _read_json(path)
     for key in _CAMERA_KEYS:
         if not _is_number(found.get(key)):
             what = "lacks" if key not in found else "has no finite number as"
-            raise CaptureError(f"{path.name} {what} {key}; valid: {', '.join(_CAMERA_KEYS)}")
-    for key, value in found.items():
-        if _DISTORTION.fullmatch(key) and _any_nonzero(value):
-            raise CaptureError(
-                f"{path.name} has lens distortion in {key}; valid: a rectified image "
-                "(undistort depth and color first, then leave the coefficients out)"
-            )
+            raise CaptureError(f"{_CAMERA} {what} {key}; valid: {', '.join(_CAMERA_KEYS)}")
     fx, fy, cx, cy, width, height = (float(found[key]) for key in _CAMERA_KEYS)
     if not (width.is_integer() and height.is_integer() and width > 0 and height > 0):
-        raise CaptureError(f"{path.name} has size {width:g} x {height:g}; valid: whole pixels")
+        raise CaptureError(f"{_CAMERA} has size {width:g} x {height:g}; valid: whole pixels")
     K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     return K, (int(width), int(height))
+
+
+def _lens(found: dict[str, Any]) -> Lens | None:
+    """The lens distortion that the camera's file tells of, under one of the names it goes by."""
+    model = found.get("distortion_model", "")
+    told = {
+        key: value
+        for key, value in found.items()
+        if _DISTORTION.fullmatch(key) and key != "distortion_model" and _any_nonzero(value)
+    }
+    if not told:
+        return None
+    key, value = next(iter(told.items()))
+    if isinstance(value, dict):
+        value = value.get("data", value)
+    if _NAMED.fullmatch(key):
+        value = told
+    elif len(told) > 1:
+        raise CaptureError(
+            f"{_CAMERA} has lens distortion in {', '.join(told)!r:.60}; valid: one, or a rectified "
+            "image"
+        )
+    if isinstance(value, dict):
+        if not model and _FOURTH in {str(name).lower() for name in value}:
+            raise CaptureError(
+                f"{_CAMERA} has lens distortion in {_FOURTH}; valid: a rectified image, or "
+                "distortion_model rational_polynomial or equidistant beside it"
+            )
+        value = _in_order(value, str(model) in FISHEYE)
+    if not isinstance(value, list) or not all(map(_is_number, value)):
+        raise CaptureError(
+            f"{_CAMERA} has lens distortion in {key}; valid: a rectified image, or coefficients "
+            f"{', '.join(_ORDER)} in OpenCV's order or by name"
+        )
+    return lens_of(str(model), value, f"{_CAMERA} in {key}")
+
+
+def _in_order(named: dict[str, Any], is_fisheye: bool) -> list[Any] | None:
+    """Coefficients by their names in OpenCV's order; None for a name that is not there."""
+    lower = {key.lower(): value for key, value in named.items()}
+    order = _FISHEYE_ORDER if is_fisheye else _ORDER
+    if not set(lower) <= set(order):
+        return None
+    count = 4 if is_fisheye else (8 if set(lower) & set(order[5:]) else 5)
+    return [lower.get(name, 0.0) for name in order[:count]]
 
 
 def _is_number(value: Any) -> bool:

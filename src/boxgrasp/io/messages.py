@@ -20,6 +20,7 @@ from boxgrasp.io.compressed_depth import compressed_size, unpack_depth
 from boxgrasp.io.extent import MAX_PIXELS, validate_cloud_size
 from boxgrasp.io.fields import bytes_of, count_of, field_of, flag_of, frame_id_of, text_of
 from boxgrasp.io.fields import stamp_ns as stamp_ns  # the time of any message; public here
+from boxgrasp.io.lens import Lens, lens_of, undistorted
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.sensing.validation import Bytes, CloudFrame, validate_pose
 
@@ -150,7 +151,7 @@ def read_intrinsics(info: Any, name: str, image_topic: str, size: tuple[int, int
         (3, 3) float64, pixels, read-only; `Capture` judges its values.
 
     Raises:
-        CaptureError: for another size, lens distortion, or a field missing or of another length.
+        CaptureError: for another size, or a field missing or of another length.
     """
     return _intrinsics(info, f"CameraInfo on {name}", image_topic, size)
 
@@ -162,11 +163,39 @@ def _intrinsics(info: Any, name: str, image_topic: str, size: tuple[int, int]) -
             f"{name} is for {width!s:.20} x {height!s:.20} pixels; "
             f"valid: {size[0]} x {size[1]}, as the image"
         )
-    if image_topic.rpartition("/")[2].startswith("image_rect"):
+    if _is_rectified(image_topic):
         return readonly(_matrix(info, "p", (3, 4))[:, :3])
-    if not (_numbers(info, "d") == 0).all():
-        raise CaptureError(f"{name} has lens distortion; valid: a rectified image (image_rect)")
     return readonly(_matrix(info, "k", (3, 3)))
+
+
+def read_lens(info: Any, name: str, image_topic: str) -> Lens | None:
+    """The lens distortion that a sensor_msgs/CameraInfo tells of.
+
+    Args:
+        info: of ROS 1 (D) or ROS 2 (d).
+        name: of the message, in errors.
+        image_topic: topic of its image; one named `image_rect...` has none, whatever D says.
+
+    Returns:
+        The lens; None without distortion.
+
+    Raises:
+        CaptureError: a field missing, or an unknown model.
+    """
+    return _lens(info, f"CameraInfo on {name}", image_topic)
+
+
+def _lens(info: Any, name: str, image_topic: str) -> Lens | None:
+    if _is_rectified(image_topic):
+        return None
+    coefficients = _numbers(info, "d")
+    if (coefficients == 0).all():
+        return None
+    return lens_of(text_of(info, "distortion_model"), coefficients, name)
+
+
+def _is_rectified(image_topic: str) -> bool:
+    return image_topic.rpartition("/")[2].startswith("image_rect")
 
 
 def _numbers(info: Any, name: str) -> Floats:
@@ -207,15 +236,17 @@ def depth_capture(
         robot_mask: (H, W) bool, True on the robot's own arm, or None.
 
     Returns:
-        The capture.
+        The capture, small lens distortion undone.
 
     Raises:
         CaptureError: a field missing, sizes or frames that do not fit, or no usable view.
+        MissingExtraError: there is lens distortion, and OpenCV is not installed.
     """
     meters = read_compressed_depth(depth) if _is_compressed(depth) else read_depth(depth)
     name = f"CameraInfo of {topic!r:.100}" if topic else "CameraInfo"
     size = (meters.shape[1], meters.shape[0])
-    intrinsics = _intrinsics(info, name, topic.removesuffix(_COMPRESSED_TOPIC), size)
+    image_topic = topic.removesuffix(_COMPRESSED_TOPIC)
+    intrinsics, lens = _intrinsics(info, name, image_topic, size), _lens(info, name, image_topic)
     rgb = None
     if color is not None:
         frame, other = frame_id_of(depth), frame_id_of(color)
@@ -224,7 +255,9 @@ def depth_capture(
                 f"color is in frame {other!r:.60}; valid: {frame!r:.60}, registered to the depth"
             )
         rgb = read_color(color)
-    return Capture(meters, intrinsics, validate_pose(T_base_camera), rgb, robot_mask=robot_mask)
+    pose = validate_pose(T_base_camera)
+    capture = Capture(meters, intrinsics, pose, rgb, robot_mask=robot_mask)
+    return capture if lens is None else undistorted(capture, lens, name)
 
 
 def nearest_color(images: Iterable[Any], depth: Any) -> Any | None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.errors import CaptureError
+from boxgrasp.io.lens import lens_of, undistorted
 from boxgrasp.sensing.capture import Capture
 
 KEYS: Final = (
@@ -20,6 +21,7 @@ KEYS: Final = (
     "target_pixel",
     "mask",
     "robot_mask",
+    "distortion",
 )
 _REQUIRED: Final = KEYS[:2]
 _MAX_BYTES: Final = 1 << 29  # unpacked, an array: as float64, the pixels that any reader takes
@@ -47,7 +49,14 @@ def load_npz(path: Path) -> Capture:
         for key in KEYS:
             if key in names:
                 arrays[key] = _read_array(archive, names[key], key)
-    return Capture(**arrays)
+    distortion = arrays.pop("distortion", None)
+    capture = Capture(**arrays)
+    if distortion is None:
+        return capture
+    if distortion.dtype.kind not in "fiu":
+        raise CaptureError(f"distortion holds {distortion.dtype}; valid: numbers")
+    lens = lens_of("", distortion, "distortion")
+    return capture if lens is None else undistorted(capture, lens, "distortion")
 
 
 def save_npz(capture: Capture, out: str | Path | IO[bytes], **more: NDArray[Any]) -> None:
@@ -73,20 +82,37 @@ def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> ND
     if info.file_size > _MAX_BYTES:
         raise CaptureError(f"{key} has {info.file_size} bytes; valid: at most {_MAX_BYTES}")
     with archive.open(info) as stream:
-        version = np.lib.format.read_magic(stream)
-        if version not in ((1, 0), (2, 0)):
-            raise CaptureError(f"{key} is .npy version {version}; valid: 1.0, 2.0")
-        read_header = np.lib.format.read_array_header_1_0
-        if version == (2, 0):
-            read_header = np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read_header(stream)
-        if dtype.hasobject:
-            raise CaptureError(f"{key} holds pickled objects; valid: numbers")
-        data = stream.read(info.file_size)
+        return read_npy(stream, info.file_size, key)
+
+
+def read_npy(stream: IO[bytes], size: int, name: str) -> NDArray[Any]:
+    """An array in numpy's own format, whose header is believed only as far as its bytes go.
+
+    Args:
+        stream: at its start.
+        size: most bytes that are read.
+        name: of the array, in messages.
+
+    Returns:
+        The array, of any shape and type but objects.
+
+    Raises:
+        CaptureError: another version, pickled objects, or truncated.
+    """
+    version = np.lib.format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        raise CaptureError(f"{name} is .npy version {version}; valid: 1.0, 2.0")
+    read_header = np.lib.format.read_array_header_1_0
+    if version == (2, 0):
+        read_header = np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise CaptureError(f"{name} holds pickled objects; valid: numbers")
+    data = stream.read(size)
     count = 1
-    for size in shape:
-        count *= int(size)
+    for length in shape:
+        count *= int(length)
     if count * dtype.itemsize != len(data):
-        raise CaptureError(f"{key} has {len(data)} bytes for shape {shape} of {dtype}; truncated?")
+        raise CaptureError(f"{name} has {len(data)} bytes for shape {shape} of {dtype}; truncated?")
     array = np.frombuffer(data, dtype)
     return array.reshape(shape, order="F" if fortran else "C")

@@ -37,6 +37,8 @@ def refusals_of(place: Path) -> Iterator[None]:
             f"{_line(str(place))}: reading it needs {needed}; "
             "install it with: pip install 'boxgrasp[io]'"
         ) from None
+    except MissingExtraError as error:
+        raise MissingExtraError(f"{_line(str(place))}: {error}") from None
     except BoxgraspError as error:
         what = str(error)
     except MemoryError:

@@ -13,10 +13,12 @@ from boxgrasp.errors import CodedWarning, SceneError
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.backproject import depth_and_height
 from boxgrasp.perception.carried import are_carried
+from boxgrasp.perception.frame_doubts import FrameCheck, FrameDoubt
 from boxgrasp.perception.low_points import FoundPoints, with_low_points
 from boxgrasp.perception.numbering import cluster_middles, number_objects
 from boxgrasp.perception.over_plane import (
     NOTHING,
+    Voxels,
     downsampled,
     inliers,
     points_over,
@@ -52,26 +54,25 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     # 1. The plane that carries the objects, and with it every frame.
     sensors = [config.sensor_model.seen_with(of.focal_px) for of in (capture, *scans)]
     points, pixels, flying = seen_points(capture, sensors[0])
-    placement = place_view(capture, points, config.max_range_m, sensors[0])
+    frames = FrameCheck(capture, points, config.max_range_m, sensors[0])
+    placement, doubt = _placed(frames)
     T_base_source, T_base_camera = placement.T_base_source, placement.T_base_camera
     view = View(points, pixels, capture.shape, T_base_source, T_base_camera, flying)
     views = (view, *scan_views(scans, config.sensor_model))
     # 2. What stands over it, in voxels of the table's own frame.
     over, first_rows = _points_over(views, sensors, placement, config)
-    voxels = downsampled(over, config.voxel_m)
+    voxels = _voxels(over, frames, doubt, config)
     config = replace(config, voxel_m=voxels.edge_m)  # coarser in a view full of noise
     shown = ShownPoints(pixels[first_rows], voxels.voxel_of[: len(first_rows)])
     # 3. Which of them belong together, outliers left out.
     colors = _voxel_colors(capture, shown, len(voxels.centroids))
-    needed = config.segmentation in NEED_IMAGE
-    image = _depth_image(capture, view, placement, shown) if needed else None
+    image = _depth_image(capture, view, placement, shown, config)
     camera_table_m = placement.camera_position_table_m(T_base_camera)
     seen = SeenPoints(voxels.centroids, colors, camera_table_m, image, sensors[0])
     segments = _segments(seen, config)
     # 4. What lies as low as the table but is a thing's: floors of hollow ones, and flat ones.
     found = FoundPoints.over_table(voxels.centroids, segments, shown)
-    if view.shape is not None:
-        found = with_low_points(found, first_rows, view, placement, sensors[0], config)
+    found = with_low_points(found, first_rows, view, placement, sensors[0], config)
     clusters, shown = found.segments.clusters, found.shown
     # 5. Objects: the clusters over the seen table that are in reach, from the nearest.
     over_table = _over_table(capture, points, placement, found)
@@ -79,7 +80,7 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
     camera_position_m = None if T_base_camera is None else T_base_camera[:3, 3]
     numbers, objects = number_objects(points_base, clusters, over_table, camera_position_m, config)
     if not objects:
-        raise SceneError(NOTHING)
+        raise _nothing(frames, doubt)
     kept = clusters >= 0
     return Scene(
         points=readonly(np.ascontiguousarray(points_base[kept])),
@@ -93,11 +94,36 @@ def find_scene(capture: Capture, scans: Sequence[Capture], config: SceneConfig) 
         T_base_camera=T_base_camera,
         T_base_table=placement.T_base_table,
         views=views,
-        warnings=_warnings(config, image, placement, views),
+        warnings=_warnings(config, image, placement, views, doubt),
+        frame_doubt=doubt,
         sensor=sensors[0],
         voxel_m=config.voxel_m,
         _shown=_of_kept(shown, kept),
     )
+
+
+def _placed(frames: FrameCheck) -> tuple[Placement, FrameDoubt | None]:
+    """Plane and frames, and what speaks against the frames that were given."""
+    try:
+        placement = place_view(frames.capture, frames.points, frames.max_range_m, frames.sensor)
+    except SceneError as error:
+        doubt = frames.without_plane()
+        raise error if doubt is None else doubt.error() from None
+    return placement, frames.with_plane(placement.plane)
+
+
+def _voxels(
+    over: Points, frames: FrameCheck, doubt: FrameDoubt | None, config: SceneConfig
+) -> Voxels:
+    if len(over) == 0:
+        raise _nothing(frames, doubt)
+    return downsampled(over, config.voxel_m)
+
+
+def _nothing(frames: FrameCheck, doubt: FrameDoubt | None) -> SceneError:
+    """That nothing stands on the plane, and why the frames may be to blame."""
+    doubt = doubt or frames.without_objects()
+    return SceneError(NOTHING) if doubt is None else doubt.error(f"{NOTHING}; ")
 
 
 def _over_table(
@@ -138,10 +164,15 @@ def _voxel_colors(capture: Capture, shown: ShownPoints, count: int) -> Points | 
 
 
 def _depth_image(
-    capture: Capture, view: View, placement: Placement, shown: ShownPoints
+    capture: Capture,
+    view: View,
+    placement: Placement,
+    shown: ShownPoints,
+    config: SceneConfig,
 ) -> DepthImage | None:
-    """The image that the first view's points were seen in; None for a cloud."""
-    if capture.depth is None or capture.intrinsics is None:
+    """The image that the first view's points were seen in; None for a cloud, or unless needed."""
+    needed = config.segmentation in NEED_IMAGE
+    if not needed or capture.depth is None or capture.intrinsics is None:
         return None
     depth_m, height_m = np.zeros((2, capture.depth.size), dtype=np.float32)
     plane = np.append(placement.plane.normal, placement.plane.offset_m)
@@ -187,9 +218,13 @@ def _segmentation(config: SceneConfig, image: DepthImage | None) -> str:
 
 
 def _warnings(
-    config: SceneConfig, image: DepthImage | None, placement: Placement, views: Sequence[View]
+    config: SceneConfig,
+    image: DepthImage | None,
+    placement: Placement,
+    views: Sequence[View],
+    doubt: FrameDoubt | None,
 ) -> tuple[CodedWarning, ...]:
-    told = []
+    told = [] if doubt is None else [doubt.warning()]
     used = _segmentation(config, image)
     if used != config.segmentation:
         said = f"segmentation {config.segmentation} needs a depth image: {used} was used"

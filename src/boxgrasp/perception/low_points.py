@@ -69,7 +69,7 @@ def with_low_points(
     Args:
         found: the points over the table.
         over: (P,) int32, rising, rows of the view's points that `found` shows.
-        view: the first view, with an image.
+        view: the first view; without an image nothing is added.
         placement: where it lies.
         sensor: that saw it.
         config: least height over the table, and the voxels' edge.
@@ -77,6 +77,8 @@ def with_low_points(
     Returns:
         More points, or the same.
     """
+    if view.shape is None:
+        return found
     segments = found.segments
     shown = segments.clusters[found.shown.rows]
     # Noise lifts some of a floor's or a flat thing's pixels clear of the table: what is low and no

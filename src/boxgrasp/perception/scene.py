@@ -15,6 +15,7 @@ from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.nearest import nearest
 from boxgrasp.kernels.table_cells import hole_rim
+from boxgrasp.perception.frame_doubts import FrameDoubt
 from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.segmentation.clusters import Clusters
 from boxgrasp.perception.supports import Supports
@@ -82,6 +83,7 @@ class Scene:
         warnings: what the user should know of how it was found.
         sensor: what saw it, with the first capture's focal length.
         voxel_m: edge of the voxels, m.
+        frame_doubt: what speaks against the frames that the first view was given in, or None.
     """
 
     points: Points
@@ -99,6 +101,7 @@ class Scene:
     sensor: SensorModel
     voxel_m: float
     _shown: ShownPoints
+    frame_doubt: FrameDoubt | None = None
 
     def point_area_m2(self, points: Points) -> float:
         """The seen surface that each of some points stands for.

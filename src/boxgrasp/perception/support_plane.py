@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,7 +82,7 @@ def find_support_plane(
     """
     sample = np.array(points[:: max(1, len(points) // _SAMPLE)])
     # 1. The planes that hold most points of a sample.
-    planes = _planes_in(sample, up)
+    planes = _planes_in(sample, _Side(up, camera_position_m))
     if not planes:
         raise SceneError(
             "no support plane found; valid: a view with a level surface under the objects"
@@ -102,9 +104,26 @@ def find_support_plane(
     return Plane(readonly(plane[:3].copy()), float(plane[3]))
 
 
-def _planes_in(sample: Points, up: Floats | None) -> list[tuple[int, Floats]]:
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """From where a plane must be seen from above, as far as that is known; (3,), source frame."""
+
+    up: Floats | None
+    camera_position_m: Floats | None
+
+    def plausible(self, planes: Floats) -> NDArray[np.bool_]:
+        """(H,) which planes (H, 4) may be a table's, by their tilt and the camera's side."""
+        if self.up is None:
+            return np.asarray(planes[:, 1] <= _TILT_CAMERA)
+        level = planes[:, :3] @ self.up >= _TILT_GIVEN
+        if self.camera_position_m is not None:  # a surface seen from below carries nothing
+            level &= planes[:, :3] @ self.camera_position_m + planes[:, 3] > 0
+        return np.asarray(level)
+
+
+def _planes_in(sample: Points, side: _Side) -> list[tuple[int, Floats]]:
     """Points held and (4,) n, d of planes that are not alike, by the proposals' votes."""
-    proposals, left = _proposals(sample, up), sample
+    proposals, left = _proposals(sample, side), sample
     votes = plane_votes(left, proposals, _COARSE_M)
     least = max(_LEAST_VOTES[0], _LEAST_VOTES[1] * len(sample))
     found: list[tuple[int, Floats]] = []
@@ -113,7 +132,7 @@ def _planes_in(sample: Points, up: Floats | None) -> list[tuple[int, Floats]]:
         if len(votes) == 0 or votes[best] < least or len(found) == _MOST_PLANES:
             break
         plane = fitted_plane(left, proposals[best], (_COARSE_M, _FINE_M))
-        if plane is None or not _plausible(plane[None], up)[0] or not _opaque(plane, sample):
+        if plane is None or not side.plausible(plane[None])[0] or not _opaque(plane, sample):
             rest = ~_alike(proposals, proposals[best] if plane is None else plane, sample)
             rest[best] = False
             proposals, votes = proposals[rest], votes[rest]
@@ -123,7 +142,7 @@ def _planes_in(sample: Points, up: Floats | None) -> list[tuple[int, Floats]]:
         # What a plane holds votes for no other one: a small desk has less than a floor's rest.
         left = left[np.abs(_plane(plane).heights(left)) >= _COARSE_M]
         votes = plane_votes(left, proposals, _COARSE_M)
-    return _upright(found) if up is None else found
+    return _upright(found) if side.up is None else found
 
 
 def _upright(found: list[tuple[int, Floats]]) -> list[tuple[int, Floats]]:
@@ -259,8 +278,9 @@ def support_frame(plane: Plane, optical: bool) -> Floats:
     return make_transform(rotation, -plane.normal * plane.offset_m)
 
 
-def _proposals(sample: Points, up: Floats | None) -> Floats:
+def _proposals(sample: Points, side: _Side) -> Floats:
     """(H, 4) planes through triples of near points, and level ones where up is known."""
+    up = side.up
     rng = np.random.default_rng(0)
     count = len(sample)
     if count < 3:
@@ -288,13 +308,7 @@ def _proposals(sample: Points, up: Floats | None) -> Floats:
     # Towards the viewer where tilt is unknown, else upwards.
     flip = planes[:, 3] < 0 if up is None else planes[:, :3] @ up < 0
     planes[flip] *= -1
-    return np.ascontiguousarray(planes[_plausible(planes, up)])
-
-
-def _plausible(planes: Floats, up: Floats | None) -> NDArray[np.bool_]:
-    if up is None:
-        return np.asarray(planes[:, 1] <= _TILT_CAMERA)
-    return np.asarray(planes[:, :3] @ up >= _TILT_GIVEN)
+    return np.ascontiguousarray(planes[side.plausible(planes)])
 
 
 def fitted_plane(points: Points, plane: Floats, tolerances_m: tuple[float, ...]) -> Floats | None:

@@ -15,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from boxgrasp.arrays import Bools, Floats, Points, readonly
 from boxgrasp.errors import CaptureError, CodedWarning, require
 from boxgrasp.sensing.validation import (
+    LOOKS_AWAY,
     Bytes,
     CloudFrame,
     in_order,
+    looks_away,
     validate_cloud,
     validate_cloud_frame,
     validate_colors,
@@ -30,6 +32,8 @@ from boxgrasp.sensing.validation import (
 )
 
 Pixels = NDArray[np.int32]
+
+_SAME_POSE = 1e-6  # m, and of a rotation's entries: what text files lose
 
 # An organized cloud's focal length.
 _MEASURED_PIXELS = 500  # tell it
@@ -219,6 +223,28 @@ class Capture:
             pixels = np.full(len(points), -1, np.int32)
         return readonly(points), readonly(pixels)
 
+    def with_pose(self, T_base_camera: ArrayLike | None) -> Capture:
+        """The same capture with its camera elsewhere, whatever pose it had.
+
+        Args:
+            T_base_camera: (4, 4), m; None where it is unknown.
+
+        Returns:
+            A copy that shares the arrays; warned of where another pose is replaced.
+
+        Raises:
+            CaptureError: not a rigid transform, or in millimeters.
+        """
+        T, had = validate_pose(T_base_camera), self.T_base_camera
+        kept = tuple(w for w in self.warnings if w != LOOKS_AWAY)
+        if T is not None and self.points is not None and self.cloud_frame == "base":
+            kept += (LOOKS_AWAY,) if looks_away(self.points, T) else ()
+        if T is not None and had is not None and not np.allclose(T, had, atol=_SAME_POSE):
+            kept += (_replaced(had, T),)
+        other = copy.copy(self)
+        other._set(T_base_camera=T, warnings=kept)
+        return other
+
     def with_warnings(self, *warnings: CodedWarning) -> Capture:
         """The same capture with more warnings, as a reader has them.
 
@@ -260,6 +286,17 @@ def measured_focal_px(points: Points, shape: tuple[int, int]) -> float | None:
     slope, start = np.polyfit(u, tangent, 1)
     off_px = np.abs(tangent - slope * u - start).max() / abs(slope) if slope else np.inf
     return float(1.0 / slope) if slope > 0 and off_px < _PINHOLE_PX else None
+
+
+def _replaced(had: Floats, T: Floats) -> CodedWarning:
+    apart_m = float(np.linalg.norm(had[:3, 3] - T[:3, 3]))
+    cosine = (np.trace(had[:3, :3].T @ T[:3, :3]) - 1) / 2
+    apart_deg = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+    return CodedWarning(
+        "pose_replaced",
+        f"the capture's own T_base_camera, {apart_m * 100:.1f} cm and {apart_deg:.1f} degrees "
+        "from the one given, is not used",
+    )
 
 
 def _either(one: Bools | None, other: Bools | None) -> Bools | None:

@@ -16,8 +16,14 @@ CloudFrame = Literal["optical", "base"]
 
 CLOUD_FRAMES: Final[tuple[str, ...]] = get_args(CloudFrame)
 FARTHEST_M: Final = 65.535  # what 16 bits of millimeters hold; beyond it no depth camera measures
+LOOKS_AWAY: Final = CodedWarning(
+    "camera_looks_away", "the camera pose given looks away from most of the cloud"
+)
 _BAD_SHARE: Final = 0.001  # of impossible values, up to which a view is taken as good
 _MILLIMETERS_ABOVE_M: Final = 20.0  # m; a view whose median lies beyond is in another unit
+# No camera stands that far over its robot's base. Along the floor a base may be a map's origin.
+_HIGHEST_M: Final = 20.0
+_FARTHEST_POSE_M: Final = 1000.0
 
 
 def _array(value: Any, name: str, valid: str) -> NDArray[Any]:
@@ -173,16 +179,21 @@ def validate_pose(T: Any) -> Floats | None:
         (4, 4) float64 T_base_camera, a read-only copy; None for None.
 
     Raises:
-        CaptureError: not a rigid transform.
+        CaptureError: not a rigid transform, or in millimeters.
     """
     if T is None:
         return None
     try:
-        return validate_transform(T, "T_base_camera")
-    except CaptureError:
-        raise
+        pose = validate_transform(T, "T_base_camera")
     except BoxgraspError as error:
         raise CaptureError(str(error)) from None
+    x, y, z = pose[:3, 3].tolist()
+    if abs(z) > _HIGHEST_M or np.hypot(x, y) > _FARTHEST_POSE_M:
+        raise CaptureError(
+            f"T_base_camera puts the camera at ({x:.4g}, {y:.4g}, {z:.4g}) m, which looks like "
+            "millimeters; valid: meters (divide the translation by 1000)"
+        )
+    return pose
 
 
 def validate_colors(value: Any, shape: tuple[int, ...], name: str) -> Bytes | None:
@@ -324,7 +335,7 @@ def validate_cloud(
         if behind > _BAD_SHARE * len(points):
             raise CaptureError(
                 f"cloud has {behind} of {len(points)} points behind the camera; valid: z forward, "
-                "in meters (or cloud frame 'base' for points in a frame with z up)"
+                "in meters (or --cloud-frame base, cloud_frame='base' in Python, for z up)"
             )
         if behind:
             said = f"{behind} points behind the camera, of {len(points)}, dropped"
@@ -339,9 +350,8 @@ def validate_cloud(
         kept = points if valid == len(points) else np.take(points, np.flatnonzero(keep), axis=0)
         apart = np.abs(kept - np.median(kept, axis=0))  # base frames may lie far from the scene
         far = np.count_nonzero(apart.max(axis=1) > _MILLIMETERS_ABOVE_M)
-        if T_base_camera is not None and _looks_away(kept, T_base_camera):
-            said = "the camera pose given looks away from most of the cloud"
-            warnings.append(CodedWarning("camera_looks_away", said))
+        if T_base_camera is not None and looks_away(kept, T_base_camera):
+            warnings.append(LOOKS_AWAY)
     if 2 * far > valid:
         raise CaptureError(_looks_like_millimeters("cloud"))
     if not keep.any():
@@ -349,11 +359,19 @@ def validate_cloud(
     return keep, tuple(warnings)
 
 
-def _looks_away(points: Points, T_base_camera: Floats) -> bool:
-    """Whether most points (base frame) lie behind the camera."""
+def looks_away(points: Points, T_base_camera: Floats) -> bool:
+    """Whether a camera looks away from most of a cloud.
+
+    Args:
+        points: (N, 3) float32, base frame, m; NaN where missing.
+        T_base_camera: (4, 4).
+
+    Returns:
+        Whether most of the points lie behind it.
+    """
     T_camera_base = invert(T_base_camera)
     ahead = points @ T_camera_base[2, :3].astype(np.float32) > -T_camera_base[2, 3]
-    return bool(2 * np.count_nonzero(ahead) < len(points))
+    return bool(2 * np.count_nonzero(ahead) < np.count_nonzero(~np.isnan(points[:, 0])))
 
 
 def in_order(

@@ -33,6 +33,7 @@ PALETTE: tuple[Color, ...] = (
     (240, 140, 60),
 )
 _AREA_M = 0.50
+_MOST_OBSTACLES = 200  # far more than any area of a table holds
 _LEAST_GAP_M = 0.002  # between two objects
 _LEAST_TARGET_PX = 300  # of the target that the camera sees
 _SCENE_TRIES = 200
@@ -122,8 +123,10 @@ class Clutter:
         if self.yaw not in YAWS:
             raise SceneError(f"yaw is {self.yaw!r}; valid: {', '.join(YAWS)}")
         least, most = self.obstacles
-        if not 0 <= least <= most:
-            raise SceneError(f"obstacles is {self.obstacles}; valid: 0 or more, the least first")
+        if not 0 <= least <= most <= _MOST_OBSTACLES:
+            raise SceneError(
+                f"obstacles is {self.obstacles}; valid: 0 to {_MOST_OBSTACLES}, the least first"
+            )
 
 
 def build_scene(
