@@ -1,14 +1,15 @@
-# Every target sets itself up: only python3 (3.11 to 3.13), pip, make and git are needed; for
+# Every target sets itself up: only python3 (3.10 to 3.14), pip, make and git are needed; for
 # test-ros g++ and cmake too.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+# Of the Python that asks, so that another one makes the environment anew.
+STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c "import sys; print('%d.%d' % sys.version_info[:2])")
 ROS_VENV := .venv-ros
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test check lint types imports unit docs format demo bench clean \
-	setup-ros test-ros
+.PHONY: help setup test check lint types types-here types-windows imports unit docs format demo \
+	bench clean setup-ros test-ros
 
 help:
 	@echo "make test      lint, format, types, imports, tests, docs build"
@@ -22,6 +23,7 @@ help:
 # the pip that is there.
 $(STAMP): pyproject.toml
 	@$(PYTHON) tools/check_python.py
+	@test -e $@ || rm -rf $(VENV)
 	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip $(VENV)
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 \
 		|| $(PYTHON) -m pip --quiet --python $(BIN)/python install pip
@@ -40,8 +42,15 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+# As this system has it, and as Windows has, whose Python lacks the calls of Unix and of Linux.
 types: $(STAMP)
+	@$(MAKE) --no-print-directory --jobs 2 types-here types-windows
+
+types-here:
 	$(BIN)/mypy
+
+types-windows:
+	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32 src tools
 
 imports: $(STAMP)
 	$(BIN)/lint-imports

@@ -5,9 +5,9 @@ import sys
 
 def missing() -> str | None:
     """What is missing to set up the project, or None."""
-    if not (3, 11) <= sys.version_info[:2] < (3, 14):
+    if not (3, 10) <= sys.version_info[:2] < (3, 15):
         found = f"{sys.version_info[0]}.{sys.version_info[1]}"
-        return f"Python {found} found; boxgrasp needs 3.11, 3.12 or 3.13 (make PYTHON=python3.11)"
+        return f"Python {found} found; boxgrasp needs 3.10 to 3.14 (make PYTHON=python3.12)"
     for module, package in (("venv", "python3-venv"), ("pip", "python3-pip")):
         try:
             __import__(module)

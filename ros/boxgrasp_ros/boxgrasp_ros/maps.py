@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from boxgrasp_msgs.msg import Status
+from numpy.typing import NDArray
 
 from boxgrasp.config import Config
 from boxgrasp.errors import CaptureError
@@ -121,7 +122,7 @@ class Maps:
         frame, base_frame = held.frame, node_config.base_frame
         if not frame:
             raise Failure(Status.BAD_MAP, f"map on {held.topic} has no frame_id; valid: a frame")
-        off = np.zeros(1)
+        off: NDArray[np.float64] = np.zeros(1)
         if frame != base_frame:
             wait_s = node_config.wait_for_transform_s
             off = transforms.wait(base_frame, frame, stamp, wait_s) - np.eye(4)

@@ -61,9 +61,9 @@ def _add_completers(parser: Parser) -> None:
         elif action.metavar == "HAND":
             said = _hands
         elif action.dest == "ranker":
-            said = ChoicesCompleter(ranker_names())
+            said = ChoicesCompleter({name: name for name in ranker_names()})
         elif action.dest == "faces":
-            said = ChoicesCompleter(FACES)
+            said = ChoicesCompleter({name: name for name in FACES})
         elif action.type in (int, float) or action.dest in ("topic", "base_frame"):
             said = SuppressCompleter()
         if said is not None:

@@ -227,7 +227,7 @@ def _spot(view: View, candidate: Candidate, box: TargetBox) -> tuple[XY | None, 
 def _thinned(xy: Floats) -> Floats:
     """(M, 2) px, one place a cell of some pixels: enough to keep marks off them."""
     seen = xy[~np.isnan(xy).any(axis=1)]
-    return np.unique(np.rint(seen / _CELL_PX), axis=0) * _CELL_PX
+    return np.asarray(np.unique(np.rint(seen / _CELL_PX), axis=0) * _CELL_PX)
 
 
 def _free(

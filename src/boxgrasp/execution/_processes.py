@@ -237,12 +237,12 @@ def _answer(message: bytes) -> bytes:
         function, task = pickle.loads(message)
         return pickle.dumps((True, call_in_worker(function, task)), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
-        where = traceback.format_exc()
+        where, said = traceback.format_exc(), traceback.format_exception_only(error)[-1].strip()
         try:
             answer = pickle.dumps((False, (error, where)), pickle.HIGHEST_PROTOCOL)
             pickle.loads(answer)  # fails for those with arguments of their own
         except Exception:
-            answer = pickle.dumps((False, (RuntimeError(repr(error)), where)))
+            answer = pickle.dumps((False, (RuntimeError(said), where)))
         return answer
 
 

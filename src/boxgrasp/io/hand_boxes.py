@@ -31,7 +31,7 @@ def slice_extents(triangles_m: Floats) -> Floats:
     low, high = triangles_m[..., 0].min(), triangles_m[..., 0].max()
     first, last = math.floor(low / SLICE_M + 1e-6), math.ceil(high / SLICE_M - 1e-6)
     planes = SLICE_M * np.arange(first, max(last, first + 1) + 1)
-    points = triangles_m.reshape(-1, 3)
+    points: Floats = triangles_m.reshape(-1, 3)
     order = np.argsort(points[:, 0], kind="stable")
     points = points[order]
     cuts = [_crossings(triangles_m, x) for x in planes]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -103,7 +104,7 @@ def read_npy(stream: IO[bytes], size: int, name: str) -> NDArray[Any]:
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise CaptureError(f"{name} is .npy version {version}; valid: 1.0, 2.0")
-    read_header = np.lib.format.read_array_header_1_0
+    read_header: Callable[..., Any] = np.lib.format.read_array_header_1_0
     if version == (2, 0):
         read_header = np.lib.format.read_array_header_2_0
     shape, fortran, dtype = read_header(stream)

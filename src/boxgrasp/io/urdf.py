@@ -185,7 +185,7 @@ class UrdfFile:
             if link not in self._said:
                 _log.warning("%s: %s collides with nothing; its looks are taken", self.path, link)
                 self._said.add(link)
-        found = [np.zeros((0, 3, 3))]
+        found: list[Floats] = [np.zeros((0, 3, 3))]
         for piece in pieces or ():
             with np.errstate(all="ignore"):  # what is not finite is refused below
                 corners = self._triangles(piece.geometry, link)

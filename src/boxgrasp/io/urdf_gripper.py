@@ -372,7 +372,7 @@ def _not_within(rows: Floats, boxes: tuple[HandBox, ...]) -> Floats:
         low = np.array((box.x_m[0], box.y_m[0], box.z_m[0])) - _STILL_M
         high = np.array((box.x_m[1], box.y_m[1], box.z_m[1])) + _STILL_M
         free &= ~((rows[:, ::2] >= low) & (rows[:, 1::2] <= high)).all(axis=1)
-    return rows[free]
+    return np.asarray(rows[free])
 
 
 def _rows(T: Floats) -> Rows:

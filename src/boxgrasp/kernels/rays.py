@@ -245,7 +245,7 @@ def _walk(
                     nearest = min(tx, ty, tz)
                     if x == ex and y == ey and z == ez:
                         return
-                    if abs(nearest - length) < tie:
+                    if abs(float(nearest) - float(length)) < tie:
                         sure = False
                         break
                     if nearest > length:

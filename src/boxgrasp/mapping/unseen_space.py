@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Floats, Points, readonly
+from boxgrasp.arrays import Array, Floats, Points, readonly
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
@@ -65,8 +65,8 @@ def deepened(
     Returns:
         (N, 4) float32 columns as `columns_under`, and (N,) int64 number of each one's object.
     """
-    columns = [np.empty((0, 4), dtype=np.float32)]
-    objects = [np.empty(0, dtype=np.int64)]
+    columns: list[Array] = [np.empty((0, 4), dtype=np.float32)]
+    objects: list[Array] = [np.empty(0, dtype=np.int64)]
     camera = scene.camera_position_m
     if camera is None:
         return columns[0], objects[0]

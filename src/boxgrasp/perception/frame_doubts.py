@@ -303,7 +303,7 @@ def _cells(points: Floats) -> NDArray[np.int64]:
 def _inner(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Those of some cells, rising, amid others: past the edge of a plane one sees by right."""
     beside = [np.isin(cells + by, cells) for by in (-_ROW, _ROW, -1, 1)]
-    return cells[np.logical_and.reduce(beside)]
+    return np.asarray(cells[np.logical_and.reduce(beside)])
 
 
 def _crossing(points: Floats, plane: Plane, seen: NDArray[np.int64]) -> int:

@@ -125,7 +125,7 @@ def masked_points(scene: Scene, mask: Bools, params: MaskParams = MaskParams()) 
 
 def _rim(scene: Scene, mask: Bools, target: Bools, params: MaskParams) -> Bools:
     """(K,) points of the target's own clusters beside it, in space or in the image."""
-    near = np.zeros(len(target), dtype=np.bool_)
+    near: Bools = np.zeros(len(target), dtype=np.bool_)
     if mask.ndim == 2:
         rings = max(1, round(params.ragged_share * mask.shape[1]))
         near = scene.points_under(dilated(mask, rings))
@@ -237,7 +237,8 @@ class _Masked:
         numbers = self.scene.object_numbers
         of = np.bincount(numbers, minlength=len(self.scene.objects) + 1)
         left = np.bincount(numbers[~self.under], minlength=len(of))
-        return (1 + np.flatnonzero(left[1:] >= self.params.inverted_share * of[1:])).tolist()
+        inverted = 1 + np.flatnonzero(left[1:] >= self.params.inverted_share * of[1:])
+        return [int(number) for number in inverted]
 
     def told(self, parts: _Parts) -> tuple[CodedWarning, ...]:
         """What to warn of where there are two parts; refused where they are seen to be apart."""

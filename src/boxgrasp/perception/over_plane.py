@@ -67,6 +67,7 @@ def points_over(
     Returns:
         (P, 3) float32, table frame, m, and (P,) int32 their rows, rising.
     """
+    origin: Floats
     if camera_position_m is None:
         origin, farthest_m = np.zeros(3), _EVERYWHERE_M
         noise_m = float(sensor.axial_noise_m(np.asarray(UNKNOWN_RANGE_M)))
@@ -141,7 +142,7 @@ def inliers(
     Returns:
         (V,) bool, False for outliers.
     """
-    spread = np.full(len(centroids), config.voxel_m, dtype=np.float32)
+    spread: NDArray[np.floating] = np.full(len(centroids), config.voxel_m, dtype=np.float32)
     if camera_position_m is not None:  # a farther surface is sampled more thinly
         off = centroids - camera_position_m.astype(np.float32)
         range_m = np.sqrt(np.einsum("ij,ij->i", off, off))

@@ -142,7 +142,7 @@ class Scene:
         height, width = self.shape
         v, u = np.divmod(self._shown.pixels, width)
         far = (u >= width - _BORDER_PX) | (v >= height - _BORDER_PX)
-        return np.unique(self._shown.rows[far | (np.minimum(u, v) < _BORDER_PX)])
+        return np.asarray(np.unique(self._shown.rows[far | (np.minimum(u, v) < _BORDER_PX)]))
 
     def with_scans(self, scans: Sequence[Capture], sensor: SensorModel) -> Scene:
         """The same scene, with other further scans for the rays of the local map.

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from boxgrasp.arrays import Array, Floats, readonly
+from boxgrasp.arrays import Array, Floats, Points, readonly
 from boxgrasp.geometry.plane import Plane
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.kernels.levels import points_near
@@ -58,7 +58,7 @@ def _near(scene: Scene, number: int, middle_m: Floats) -> Floats:
     foot_m = np.array([middle_m[0], middle_m[1], -plane[:2] @ middle_m[:2] - plane[3]])
     foot_source_m = transform(invert(T_table_source), foot_m[None])[0]
     step = max(1, len(view.points) // _SAMPLE)
-    near = np.empty((len(view.points) // step + 1, 3), dtype=np.float32)
+    near: Points = np.empty((len(view.points) // step + 1, 3), dtype=np.float32)
     count = points_near(view.points, step, T_table_source, foot_source_m, _NEAR_M, _DEEP_M, near)
     near = near[:count]
     if len(scene.supports.planes) > 1:

@@ -162,7 +162,7 @@ def _all_carried(
     sensor: SensorModel,
 ) -> list[int]:
     """What each plane carries of the sample's points in reach of the camera."""
-    noise_m = np.zeros(len(sample), dtype=np.float32)
+    noise_m: NDArray[np.float32] = np.zeros(len(sample), dtype=np.float32)
     within = np.ones(len(sample), dtype=bool)
     if camera_position_m is not None:
         ranges = np.linalg.norm(sample - camera_position_m.astype(np.float32), axis=1)

@@ -207,18 +207,16 @@ class Capture:
             return _depth_points(self.depth, self.intrinsics, _either(self.robot_mask, left_out))
         if self.points is None:
             raise CaptureError("capture holds neither depth nor points")
-        keep = np.ones(len(self.points), bool)
+        keep: NDArray[np.bool_] = np.ones(len(self.points), bool)
         if self.cloud_shape is not None:
             keep = ~np.isnan(self.points[:, 2])
         if self.robot_mask is not None:
             keep &= ~self.robot_mask.reshape(-1)
         if left_out is not None:
             keep &= ~left_out.reshape(-1)
-        if keep.all():
-            points, pixels = self.points, np.arange(len(keep), dtype=np.int32)
-        else:
-            kept = np.flatnonzero(keep)
-            points, pixels = np.take(self.points, kept, axis=0), kept.astype(np.int32)
+        kept = np.flatnonzero(keep)
+        points = self.points if len(kept) == len(keep) else np.take(self.points, kept, axis=0)
+        pixels: NDArray[np.int32] = kept.astype(np.int32)
         if self.cloud_shape is None:
             pixels = np.full(len(points), -1, np.int32)
         return readonly(points), readonly(pixels)

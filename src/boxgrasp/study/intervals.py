@@ -146,7 +146,8 @@ def _bounded(values: Floats, bounds: Bounds, added: float) -> Estimate:
 
 def _known(values: Any) -> Floats:
     array = np.asarray(values, np.float64)
-    return array[~np.isnan(array)]
+    known: Floats = array[~np.isnan(array)]
+    return known
 
 
 def _validate(values: Floats, bounds: Bounds) -> None:

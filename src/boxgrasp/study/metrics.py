@@ -102,7 +102,8 @@ def metrics_of(
     at = np.arange(len(picks)), np.where(answered, picks, 0)
 
     def of(name: str) -> Array:
-        return rows[f"{target_source}_{name}"][at]
+        picked: Array = rows[f"{target_source}_{name}"][at]
+        return picked
 
     def numbers(values: Array) -> Floats:
         return np.where(answered, values, np.nan)

@@ -433,7 +433,9 @@ def _difference(there: Any, mine: Any, place: str = "") -> str:
 def _column(pa: Any, field: Any, rows: Sequence[Row]) -> Any:
     values = [row.get(field.name) for row in rows]
     if pa.types.is_fixed_size_list(field.type):
-        values = [None if value is None else np.asarray(value).tolist() for value in values]
+        # A null for each value, since pyarrow before 26 cannot read a null for the whole list.
+        empty = [None] * field.type.list_size
+        values = [empty if value is None else np.asarray(value).tolist() for value in values]
     return pa.array(values, type=field.type)
 
 
@@ -441,10 +443,12 @@ def _array(pa: Any, column: Any) -> Array:
     column = column.combine_chunks()
     kind = column.type
     if pa.types.is_fixed_size_list(kind):
-        width = kind.list_size
-        empty = pa.scalar([_nothing(pa, kind.value_type)] * width, type=kind)
-        flat = column.fill_null(empty) if column.null_count else column
-        return np.asarray(flat.flatten()).reshape(-1, width)
+        width, nothing = kind.list_size, _nothing(pa, kind.value_type)
+        whole = (
+            column.fill_null(pa.scalar([nothing] * width, kind)) if column.null_count else column
+        )
+        flat = whole.flatten()
+        return np.asarray(flat.fill_null(nothing) if flat.null_count else flat).reshape(-1, width)
     if pa.types.is_string(kind):
         return np.array(["" if v is None else v for v in column.to_pylist()], dtype=np.str_)
     filled = column.fill_null(_nothing(pa, kind)) if column.null_count else column

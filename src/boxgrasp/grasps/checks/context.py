@@ -289,10 +289,10 @@ class CheckContext:
     ) -> Witness:
         """The witness of nearest rows, -1 for none; points: by row, or by hand."""
         some, known = row >= 0, np.maximum(row, 0)
-        numbers = np.full(len(row), NO_OBJECT)
+        numbers: NDArray[np.int64] = np.full(len(row), NO_OBJECT)
         if objects is not None and len(objects):
             numbers = np.where(some, objects[known], NO_OBJECT)
-        places = np.full((len(row), 3), np.nan)
+        places: Floats = np.full((len(row), 3), np.nan)
         if len(points):
             places = np.where(some[:, None], points[known] if of_rows else points, np.nan)
         return Witness(readonly(numbers), readonly(places.astype(np.float64)))

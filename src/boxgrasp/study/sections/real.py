@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.execution import finish
 from boxgrasp.grasps.candidates import FACES, LINES
@@ -222,7 +223,7 @@ def why(evaluation: Evaluation, runs: int, scene: int) -> tuple[int, str, str, i
     return scene, str(rows["target"][0]), words, flipped, reason
 
 
-def _box_off_m(rows: Rows, odd: np.ndarray) -> float:
+def _box_off_m(rows: Rows, odd: NDArray[np.bool_]) -> float:
     """How far the boxes of odd decisions are off those of the others, in size or place."""
     boxes, places = rows["given_dimensions_m"], rows["given_box"][:, :3]
     jump = float(np.abs(boxes[odd] - np.median(boxes[~odd], axis=0)).max())
