@@ -36,6 +36,7 @@ LEAST = {
     "local_map": ["--rounds", "1"],
     "process_start": ["--rounds", "1", "--warm"],
     "raycast": ["--repeats", "2"],
+    "hands": ["--scenes", "2", "--rounds", "4", "--processes", "1"],
     "wrong_frames": ["--scenes", "1", "--most", "0"],
     "study": ["--count", "60", "--processes", "1"],
     "select_speed": ["--rounds", "1", "--scenes", "1"],
@@ -151,6 +152,11 @@ def test_cast_scenes_judges_one_scene() -> None:
     assert told.count("answered by a grasp") == 3  # once a segmentation
     assert re.search(r"answered by a grasp +[12] of +2 ", wide) and "unhidden targets" in told
     assert "1 scenes" in out and "hopeless" not in out
+
+
+def test_hands_compares_boxes_with_one() -> None:
+    out = printed("hands")
+    assert out.count("answered, of all") == 10 and out.count("boxes take") == 2
 
 
 def test_wrong_frames_counts_what_is_caught() -> None:

@@ -1,4 +1,4 @@
-"""Source archive and wheel: what they hold, that they work read-only, and their metadata."""
+"""Source archive and wheel: what they hold; the wheel where nothing can be written."""
 
 from __future__ import annotations
 
@@ -91,16 +91,11 @@ def test_wheel_holds_all_and_only_the_package(wheel: Path) -> None:
 
 
 def test_source_archive_holds_all_that_tests_and_docs_need(unpacked: Path) -> None:
-    trees = ("src", "benchmarks", "docs", "examples", "ros", "tests", "tools", "container")
+    trees = ("src", "benchmarks", "container", "docs", "examples", "ros", "tests", "tools")
     singles = (
-        "CITATION.cff",
-        "CHANGELOG.md",
-        "CONTRIBUTING.md",
-        "LICENSE",
-        "Makefile",
-        "README.md",
+        *("CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md"),
+        *("SECURITY.md", "pyproject.toml", ".dockerignore"),
     )
-    singles += ("SECURITY.md", "pyproject.toml")
     made = ("__pycache__", "_build", ".hypothesis")
     wanted = {
         str(path.relative_to(ROOT))

@@ -73,7 +73,8 @@ def save_npz(capture: Capture, out: str | Path | IO[bytes], **more: NDArray[Any]
     """
     if capture.depth is None:
         raise CaptureError("a cloud is not written as .npz; valid: a capture of a depth image")
-    arrays = {key: getattr(capture, key) for key in KEYS}
+    own = [key for key in KEYS if key != "distortion"]  # a capture's was undone
+    arrays = {key: getattr(capture, key) for key in own}
     held = {key: np.asarray(value) for key, value in arrays.items() if value is not None}
     np.savez_compressed(out, **held, **more)  # type: ignore[arg-type]
 
