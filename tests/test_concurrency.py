@@ -236,7 +236,7 @@ def test_a_child_that_ends_as_an_interpreter_does_ends() -> None:
                 os.kill(child, 9)
                 sys.exit("the child hangs")
             time.sleep(0.01)
-        print(os.waitstatus_to_exitcode(said[1]))
+        print(os.waitstatus_to_exitcode(said[1]), flush=True)  # or children copy it
     """
     command = [sys.executable, "-c", textwrap.dedent(code)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=4 * HANG_S)

@@ -261,7 +261,7 @@ def test_the_truth_of_several_boxes_is_the_least_of_each() -> None:
     truth = candidate_truth(scene, T, gripper=own)
     least = np.full(len(T), np.inf)
     for box in plain_boxes(own):
-        size = box[:, 1] - box[:, 0]
+        size = (box[:, 1] - box[:, 0]).tolist()
         alone = Gripper(
             length_m=size[0], width_m=max(size[1], 0.01), thickness_m=size[2], max_opening_m=0.01,
             insertion_depth_m=size[0] / 2,

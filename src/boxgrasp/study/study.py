@@ -157,7 +157,9 @@ class Study:
             WorkError: workers were lost.
         """
         for name, config in self.sets().items():
-            make_set(self.store, f"sets/{name}/", config, self.workers, f"cast {name}")
+            make_set(
+                self.store, f"sets/{name}/", config, self.workers, f"cast {name}", may_grow=False
+            )
 
     def rows(self, name: str) -> Rows:
         """The rows of a set.

@@ -102,7 +102,15 @@ class Rows(Mapping[str, Array]):
         return Rows({name: column[which] for name, column in self.columns.items()})
 
 
-def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, title: str) -> None:
+def make_set(
+    store: Store,
+    prefix: str,
+    config: SetConfig,
+    workers: Workers,
+    title: str,
+    *,
+    may_grow: bool = True,
+) -> None:
     """Write what the set still lacks; finished parts are not made again.
 
     A set that is there with fewer rows grows, to the very bytes of one made at once.
@@ -113,6 +121,7 @@ def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, tit
         config: what the set is made of.
         workers: who makes it.
         title: what progress is shown under; nothing is shown where it is empty.
+        may_grow: whether a set that is there with fewer rows is made larger.
 
     Raises:
         ConfigError: the place holds a set that was made otherwise, or a larger one.
@@ -127,8 +136,9 @@ def make_set(store: Store, prefix: str, config: SetConfig, workers: Workers, tit
         )
         for first in range(0, config.count, PART_ROWS)
     }  # fmt: skip
-    _renew_last_part(store, prefix, config, tasks, workers)
-    claim(store, prefix, "set.json", config, "a set", grows="count")
+    if may_grow:
+        _renew_last_part(store, prefix, config, tasks, workers)
+    claim(store, prefix, "set.json", config, "a set", grows="count" if may_grow else "")
     finish(store, tasks, part, workers, title)
 
 
