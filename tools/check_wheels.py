@@ -40,7 +40,7 @@ SYSTEMS = {
 # None for the core. Not `urdf`: trimesh leaves embreex out on aarch64, which pip judges by the
 # machine it runs on.
 EXTRAS = (None, "io", "lens", "sim", "train", "network", "cluster", "completion")
-PROMISED = ("linux-x86_64", "linux-aarch64")  # with every extra, up to the last tested Python
+PROMISED = ("linux-x86_64", "linux-aarch64")
 LAST_TESTED = "3.13"
 MISSING, OFFLINE = 1, 3
 
@@ -109,9 +109,10 @@ def is_offline() -> bool:
     return False
 
 
-def is_promised(python: str, system: str) -> bool:
-    """Whether the extras must be there too, not the core alone."""
-    return system in PROMISED and PYTHONS.index(python) <= PYTHONS.index(LAST_TESTED)
+def is_short(python: str, system: str, core: bool, extras: bool) -> bool:
+    """Whether what lacks there was promised: the core on Linux or for a tested Python, or both."""
+    tested = PYTHONS.index(python) <= PYTHONS.index(LAST_TESTED)
+    return (core and (system in PROMISED or tested)) or (extras and system in PROMISED and tested)
 
 
 def main(words: list[str]) -> int:
@@ -130,7 +131,7 @@ def main(words: list[str]) -> int:
             core = lacks.pop("core", []) + lacks.pop("all", [])
             extras = "; ".join(f"{name}: {', '.join(lines)}" for name, lines in lacks.items())
             print(f"| {python} | {system} | {', '.join(core)} | {extras} |", flush=True)
-            short |= bool(core) or (bool(lacks) and is_promised(python, system))
+            short |= is_short(python, system, bool(core), bool(lacks))
     if not short:
         return 0
     return OFFLINE if is_offline() else MISSING
