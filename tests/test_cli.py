@@ -347,13 +347,19 @@ def write_ply(path: Path, points: np.ndarray) -> None:
     path.write_text("\n".join([*head, *rows, ""]))
 
 
-def test_target_by_mask_file(
-    table: str, view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def target_mask(view: Capture) -> np.ndarray:
+    """Nine by nine pixels round the view's target."""
     assert view.target_pixel is not None and view.depth is not None
     u, v = view.target_pixel
     mask = np.zeros(view.depth.shape, np.uint8)
     mask[v - 4 : v + 5, u - 4 : u + 5] = 255
+    return mask
+
+
+def test_target_by_mask_file(
+    table: str, view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mask = target_mask(view)
     path = tmp_path / "mask.png"
     Image.fromarray(mask).save(path)
     assert main(["select", "--json", table, "--mask", str(path)]) == 0
@@ -489,11 +495,9 @@ def test_targets_from_a_file(
     table: str, view: Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each line its own answer, in order; a line that fails has its line; paths beside the file."""
-    assert view.target_pixel is not None and view.depth is not None
+    assert view.target_pixel is not None
     u, v = view.target_pixel
-    mask = np.zeros(view.depth.shape, np.uint8)
-    mask[v - 4 : v + 5, u - 4 : u + 5] = 255
-    Image.fromarray(mask).save(tmp_path / "my mask.png")
+    Image.fromarray(target_mask(view)).save(tmp_path / "my mask.png")
     os.symlink(table, tmp_path / "table.npz")
     told = ["table.npz", "table.npz --object 2", f"table.npz --pixel {u} {v}", "gone.npz"]
     told += ["table.npz --object 99", "table.npz --mask 'my mask.png'", f"{table} --point 9 9 9"]

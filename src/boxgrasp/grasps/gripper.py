@@ -232,8 +232,7 @@ class Gripper:
         both = [_corners(box) for box in self.finger]
         shift = np.array((0.0, (self.max_opening_m - self.fingers_open_m) / 2, 0.0))
         left = [corners - shift for corners in both]
-        right = [corners[[1, 0]] * (1.0, -1.0, 1.0) for corners in left]
-        right = [np.sort(corners, axis=0) for corners in right]
+        right = [np.sort(corners * (1.0, -1.0, 1.0), axis=0) for corners in left]
         boxes = np.array([*(_corners(box) for box in self.palm), *left, *right])
         boxes[:, :, 0] -= self.length_m / 2
         return readonly(boxes)

@@ -201,7 +201,8 @@ def candidate_truth(
         approach = np.minimum(approach, box_clearance(swept, longer, obstacles))
         low = np.minimum(low, _heights(part, dims)[0])
     if hand.palm:
-        within = box_clearance(_moved(poses, _gap(hand)[0]), _gap(hand)[1], obstacles)
+        at_m, dims = _gap(hand)
+        within = box_clearance(_moved(poses, at_m), dims, obstacles)
         clearance = np.where(within <= 0.0, 0.0, clearance)
     extents = np.array([_extent(scene.target, T[:3, 1]) for T in poses]).reshape(-1, 2)
     width = extents[:, 1] - extents[:, 0]

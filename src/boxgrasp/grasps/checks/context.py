@@ -113,15 +113,14 @@ class CheckContext:
 
     @cached_property
     def _between(self) -> Floats:
-        """(M, 8) the space between each hand's fingers, where only the target may be.
+        """(M, 1, 8) the space between each hand's fingers, where only the target may be.
 
         Fingers that close sweep it. A hand of one box has none beside that box.
         """
-        T = np.array(self.candidates.T_base_gripper)
-        low, high = self.gripper.between_m
-        T[:, :3, 3] += T[:, :3, :3] @ ((low + high) / 2)
-        half = (high - low) / 2 + (0.0, 0.0, BETWEEN_MARGIN_M)
-        return readonly(hand_distance.uprights(T, half))
+        margin_m = np.array((0.0, 0.0, BETWEEN_MARGIN_M))
+        grown_m = self.gripper.between_m + np.array((-margin_m, margin_m))
+        T = self.candidates.T_base_gripper
+        return readonly(hand_distance.hand_uprights(T, grown_m[None]))
 
     @cached_property
     def obstacle_points(self) -> Points:
