@@ -6,9 +6,10 @@ The box is taken from the rows, which a map does not change, so no scene is segm
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
@@ -34,7 +35,6 @@ SAMPLING: Final = "spiral"
 OCTOMAP_MISS: Final = 0.4  # probability, OctoMap's default
 LEFT_BY: Final = 2  # scenes before this one whose cells a map that is never cleared still holds
 FRAMES: Final = BEFORE + 1  # of each scene, in a map that is never cleared
-QUARTER: Final = make_transform(rotation_z(np.pi / 2), np.zeros(3))
 PART_ROWS: Final = 100  # a row costs about 0.03 s
 
 Numbers = Sequence[int]
@@ -165,17 +165,18 @@ def over_box_middle(seen: Seen, points: Floats) -> Array:
     return usual(seen, points + (0.0, 0.0, seen.box.dimensions_m[2] / 2))
 
 
-def quarter_turn(seen: Seen, points: Floats) -> Array:
-    """The samples turned by a quarter about the vertical, the box not.
+def turned(seen: Seen, points: Floats, angle_rad: float) -> Array:
+    """The samples turned about the vertical, the box not.
 
     Args:
         seen: the scene.
         points: (N, 3), map frame, m.
+        angle_rad: from x to y, rad.
 
     Returns:
         (N,) uint8 as `states_at`.
     """
-    return usual(seen, transform(QUARTER, points))
+    return usual(seen, points @ rotation_z(angle_rad).T)
 
 
 READINGS: Final[Mapping[str, Reading]] = {
@@ -183,7 +184,9 @@ READINGS: Final[Mapping[str, Reading]] = {
     "default-miss": default_miss,
     "never-cleared": never_cleared,
     "over-box-middle": over_box_middle,
-    "quarter-turn": quarter_turn,
+    "quarter-left": partial(turned, angle_rad=math.pi / 2),
+    "quarter-right": partial(turned, angle_rad=-math.pi / 2),
+    "half-turn": partial(turned, angle_rad=math.pi),
 }
 
 
