@@ -35,7 +35,7 @@ SAMPLING: Final = "spiral"
 OCTOMAP_MISS: Final = 0.4  # probability, OctoMap's default
 LEFT_BY: Final = 2  # scenes before this one whose cells a map that is never cleared still holds
 FRAMES: Final = BEFORE + 1  # of each scene, in a map that is never cleared
-PART_ROWS: Final = 100  # a row costs about 0.03 s
+PART_ROWS: Final = 50  # the scenes before the first are cast again
 
 Numbers = Sequence[int]
 Task = tuple[RowConfig, Numbers, Array, Array]
