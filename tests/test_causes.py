@@ -239,7 +239,7 @@ def test_samples_are_moved_as_said(third: tuple[Seen, dict[str, object]]) -> Non
     [
         (Estimate(-0.05, -0.08, -0.02, 9), "rejected"),
         (Estimate(0.05, 0.01, 0.09, 9), "rejected"),
-        (Estimate(-0.06, -0.09, -0.03, 9), "found"),
+        (Estimate(-0.06, -0.09, -0.03, 9), "possible"),
         (Estimate(-0.06, -0.14, 0.02, 9), "not clear"),
         (Estimate(0.06, 0.03, 0.09, 9), "the other way"),
         (NOTHING, ""),
