@@ -73,7 +73,7 @@ class Recipe:
 
     targets: tuple[str, ...]
     objects: str = "simulated"
-    obstacles: tuple[int, int] = (0, 4)
+    obstacles: tuple[int, int] = (1, 4)
     yaw: str = "thesis"
     area_m: float = 0.50
     noise: str = "xtion"

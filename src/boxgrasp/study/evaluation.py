@@ -21,7 +21,13 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.model_set import VERSIONS, ModelSet, model_set_of, read_models
 from boxgrasp.ranking.ranker import SHIPPED, RankingContext, ranker_named
 from boxgrasp.simulate.scenario import targets_of
-from boxgrasp.study.metrics import ASK, Metrics, category_counts, metrics_of
+from boxgrasp.study.metrics import (
+    ASK,
+    Metrics,
+    category_counts,
+    largest_visible_m,
+    metrics_of,
+)
 from boxgrasp.teaching.rows import CHECK_FLAGS, CHECK_VALUES, box_of
 from boxgrasp.teaching.samples import sampled_scenes
 from boxgrasp.teaching.sets import Rows
@@ -232,13 +238,14 @@ class Evaluation:
         return metrics_of(self.rows, target_source, picks)
 
     def category_counts(
-        self, ranker: str, which: Array | slice = slice(None)
+        self, ranker: str, which: Array | slice = slice(None), *, any_width: bool = False
     ) -> tuple[int, int, int]:
         """How many first choices are of each category by the visible cloud (3-4).
 
         Args:
             ranker: as `picks` takes it.
             which: (N,) bool, or indices of rows; all of them unless told.
+            any_width: by distance alone; else a face that is too wide is red.
 
         Returns:
             Red, yellow, green.
@@ -246,8 +253,14 @@ class Evaluation:
         Raises:
             ModelError: models trained for another number of lines.
         """
-        largest = self.rows["given_thesis_clearance_m"].max(axis=1)
-        return category_counts(self.metrics(ranker).visible_m[which], largest[which])
+        metrics = self.metrics(ranker)
+        if any_width:
+            clearance_m = metrics.visible_m
+            largest_m = self.rows["given_thesis_clearance_m"].max(axis=1)
+        else:
+            clearance_m = np.where(metrics.too_wide, 0.0, metrics.visible_m)
+            largest_m = largest_visible_m(self.rows, "given")
+        return category_counts(clearance_m[which], largest_m[which])
 
     def take(self, which: Array) -> Evaluation:
         """The evaluation of some rows.

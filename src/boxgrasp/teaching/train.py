@@ -225,6 +225,8 @@ def trained_json(task: tuple[dict[str, Array], Svm, Provenance, int]) -> bytes:
             "C": done.search.C,
             "gamma": done.search.gamma,
             "accuracy": done.search.accuracy,
+            "balanced": done.search.balanced,
+            "commonest": done.search.commonest,
             "coarse": _grid(done.search.coarse),
             "fine": _grid(done.search.fine),
         },
