@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--obstacles", type=int, nargs=2, default=(1, 4), metavar=("LEAST", "MOST"),
         help="how many obstacles (default: 1 4)",
     )  # fmt: skip
-    parser.add_argument("--noise", choices=tuple(NOISES), default="xtion", help="default: xtion")
+    parser.add_argument("--noise", choices=tuple(NOISES), default="none", help="default: none")
     parser.add_argument(
         "--wish", choices=WISHES, default="feasible",
         help="which scenes are kept (default: feasible, at least one feasible grasp)",

@@ -110,8 +110,7 @@ class Study:
         known, every = targets_of("known"), targets_of("all")
         real = targets_of("real", "real")
         tight = (4, 4)
-        # The thesis's Gazebo drew without noise (3-5-2: the real camera carries it).
-        taught, asked = Recipe(known, noise="none"), Recipe(every, noise="none")
+        taught, asked = Recipe(known), Recipe(every)
         robot = Recipe(real, objects="real", noise="strong")
         ad_hoc = replace(robot, obstacles=tight, wish="off-center")
         given = ("given",)
