@@ -31,7 +31,7 @@ from boxgrasp.teaching.train import examples, train_svms
 COUNT = 60
 TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]), np.array([[0.4]]), np.array([[False]]))
 FOUND = Search(4.0, 0.05, 0.5, 0.4, 0.3, TRIED, TRIED)
-TESTED = SetConfig(RowConfig(Recipe(targets_of("all"), obstacles=(2, 4)), 22), 16)
+TESTED = SetConfig(RowConfig(Recipe(targets_of("all"), obstacles=(2, 4), noise="xtion"), 22), 16)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,9 @@ def test_chance_is_the_average_of_every_candidate(evaluation: Evaluation) -> Non
     found = chance_of(rows)
     for k in range(rows.count):
         visible, fits = rows["given_thesis_clearance_m"][k], rows["given_true_fits"][k]
-        each = [score(d, max(visible[fits])) if f else 0.0 for d, f in zip(visible, fits, strict=True)]
+        each = [
+            score(d, max(visible[fits])) if f else 0.0 for d, f in zip(visible, fits, strict=True)
+        ]
         assert found.score[k] == pytest.approx(np.mean(each))
         alone = [thesis_score(visible, pick) for pick in range(15)]
         assert found.clearance_score[k] == pytest.approx(np.mean(alone))

@@ -292,7 +292,7 @@ def test_simulate_to_a_url_and_again(tmp_path: Path, capsys) -> None:
     assert (config.rows.seed, rows.count) == (5, 3)
     for number in range(3):
         kept = load_capture(folder / f"capture-{number:06d}.npz")
-        fresh, _ = scenario_of_row(config.rows, number).capture("xtion")
+        fresh, _ = scenario_of_row(config.rows, number).capture(config.rows.recipe.noise)
         assert np.array_equal(kept.depth, fresh.depth)
         assert np.array_equal(kept.T_base_camera, fresh.T_base_camera)
 
