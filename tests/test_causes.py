@@ -50,6 +50,7 @@ def drawn_rows(count: int, seed: int) -> Rows:
     rng = np.random.default_rng(seed)
     label = rng.integers(1, 16, count)
     clearance_m = rng.uniform(0.0, 0.1, (count, 15))
+    fits = rng.random((count, 15)) < 0.7
     columns = {
         "number": np.arange(count),
         "label": label,
@@ -58,7 +59,8 @@ def drawn_rows(count: int, seed: int) -> Rows:
         "given_dimensions_m": np.full((count, 3), 0.1),
         "given_passes": np.ones((count, 15), bool),
         "given_thesis_clearance_m": clearance_m,
-        "given_true_fits": rng.random((count, 15)) < 0.7,
+        "given_true_fits": fits,
+        "true_fits": fits,
         "given_true_plane_clearance_m": np.ones((count, 15)),
         "given_true_approach_clearance_m": np.ones((count, 15)),
         "given_true_clearance_m": clearance_m,
@@ -79,7 +81,7 @@ def scenes() -> Scenes:
     labels, tested = drawn_rows(120, 1), drawn_rows(40, 2)
     return Scenes(
         labels, tested, dict.fromkeys(READINGS, labels), dict.fromkeys(READINGS, tested),
-        {"strong": tested}, drawn_rows(10, 3),
+        {"strong": tested}, drawn_rows(10, 3), 0.2,
     )  # fmt: skip
 
 
@@ -152,9 +154,9 @@ def test_what_changes_nothing_gives_the_baseline(trial: Trial) -> None:
 def test_a_random_candidate_scores_the_mean_of_all(trial: Trial) -> None:
     *_, blind, random = changes(trial)
     rows = trial.scenes.tested
-    largest = rows["given_thesis_clearance_m"].max(axis=1, keepdims=True)
-    rise = (rows["given_thesis_clearance_m"] - 0.02) / (np.minimum(0.06, largest) - 0.02)
-    score = np.clip(rise, 0.0, 1.0) ** 2 * rows["given_true_fits"]
+    clearance_m, fits = rows["given_thesis_clearance_m"], rows["given_true_fits"]
+    green_m = np.minimum(0.06, np.where(fits, clearance_m, 0.0).max(axis=1, keepdims=True))
+    score = np.clip((clearance_m - 0.02) / (green_m - 0.02), 0.0, 1.0) ** 2 * fits
     assert np.allclose(random.scores(), score.mean(axis=1))
     assert len(np.unique(blind.picks[0])) == 1  # alike dimensions, and nothing else to tell by
 
@@ -255,6 +257,8 @@ def test_a_difference_of_shares_has_newcombe_s_interval() -> None:
     assert less(share(1, 2), NOTHING) == NOTHING == scaled(NOTHING, 0.5)
     half = scaled(share(56, 70), 0.5)
     assert half.value == 0.4 and half.high == share(56, 70).high / 2
+    taken = scaled(share(56, 70), -1.0)
+    assert (taken.low, taken.high) == (-share(56, 70).high, -share(56, 70).low)
 
 
 def test_obstacles_are_counted_from_the_scene() -> None:

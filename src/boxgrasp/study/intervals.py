@@ -152,12 +152,13 @@ def scaled(of: Estimate, weight: float) -> Estimate:
 
     Args:
         of: an estimate.
-        weight: from 0.
+        weight: any; a negative one exchanges the interval's ends.
 
     Returns:
         The product; nothing where there is no interval.
     """
-    value, low, high = (weight * end for end in _ends(of))
+    value, *ends = (weight * end for end in _ends(of))
+    low, high = sorted(ends)
     return NOTHING if math.isnan(value) else Estimate(value, low, high, of.count)
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.forks import cached_property
-from boxgrasp.grasps.scoring import THESIS_SCORE
 from boxgrasp.mapping.local_map import UNSEEN
 from boxgrasp.ranking.model_set import ModelSet, Part
 from boxgrasp.simulate.scenario import NOISES
@@ -23,7 +22,6 @@ from boxgrasp.study.study import Study
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
 
 DRAWS: Final = 5  # of what is random; each scene's scores are averaged over them
-EMPTY_SHARE: Final = 0.2  # of the tables, where 0 to 4 obstacles are equally likely
 
 
 class Change(NamedTuple):
@@ -66,7 +64,8 @@ class Scenes:
         labels_under: by condition, of the maps' readings.
         tested_under: likewise.
         noisy: the tested ones by the sensor's noise, each that they were not cast with.
-        empty: tables with the target alone, a fifth of all.
+        empty: tables with the target alone.
+        empty_share: of the tables, where 0 to 4 obstacles are equally likely.
     """
 
     labels: Rows
@@ -75,6 +74,7 @@ class Scenes:
     tested_under: Mapping[str, Rows]
     noisy: Mapping[str, Rows]
     empty: Rows
+    empty_share: float
 
     @staticmethod
     def of(study: Study) -> Scenes:
@@ -93,12 +93,13 @@ class Scenes:
         """
         own, count = study.sets()["tested"], min(study.scale.causes, study.rows("tested").count)
         noises = [name for name in NOISES if name != own.rows.recipe.noise]
-        noisy = {name: _cast(study, name, count, noise=name) for name in noises}
+        noisy = {name: _noisy(study, name, count) for name in noises}
         labels = _answered(study.rows("labels"))
         first = study.rows("tested").take(np.arange(count))
         which = (first["given_error"] == "") & (obstacle_counts(first) > 0)
         tested = first.take(which)
-        empty = max(1, round(tested.count * EMPTY_SHARE / (1.0 - EMPTY_SHARE)))
+        mixed = _answered(study.rows("tested-empty"))
+        empty = obstacle_counts(mixed) == 0
         where = study.store, study.workers
         return Scenes(
             labels,
@@ -106,7 +107,8 @@ class Scenes:
             rows_under(*where, "labels", study.sets()["labels"].rows, labels),
             rows_under(*where, "tested", own.rows, tested),
             {name: rows.take(which) for name, rows in noisy.items()},
-            _answered(_cast(study, "empty", empty, obstacles=(0, 0))),
+            mixed.take(empty),
+            float(empty.mean()),
         )
 
 
@@ -255,19 +257,22 @@ def scores_of(rows: Rows, picks: Array, *, strict: bool = True) -> Floats:
         (N,) from 0 to 1, NaN for no answer.
     """
     metrics = metrics_of(rows, "given", picks)
-    clear = THESIS_SCORE(metrics.visible_m, rows["given_thesis_clearance_m"].max(axis=1))
-    return np.where(metrics.answered, np.where(strict & metrics.too_wide, 0.0, clear), np.nan)
+    return metrics.score if strict else metrics.clearance_score
 
 
 def _answered(rows: Rows) -> Rows:
     return rows.take(rows["given_error"] == "")
 
 
-def _cast(study: Study, name: str, count: int, **recipe: Any) -> Rows:
-    """The first test scenarios cast otherwise."""
-    own = study.sets()["tested"].rows
-    made = replace(own, recipe=replace(own.recipe, **recipe), target_sources=("given",))
-    prefix = f"causes/{name}/"
-    config = SetConfig(made, count)
-    make_set(study.store, prefix, config, study.workers, f"cast {name}", may_grow=False)
+def _noisy(study: Study, noise: str, count: int) -> Rows:
+    """The first test scenarios by another noise: those of a set of the study, or cast."""
+    made = study.sets()
+    known = made.get(f"tested-{noise}")
+    if known is not None and known.count >= count:
+        return study.rows(f"tested-{noise}").take(np.arange(count))
+    own = made["tested"].rows
+    rows = replace(own, recipe=replace(own.recipe, noise=noise), target_sources=("given",))
+    prefix = f"causes/{noise}/"
+    config = SetConfig(rows, count)
+    make_set(study.store, prefix, config, study.workers, f"cast {noise}", may_grow=False)
     return read_set(study.store, prefix)[1]

@@ -8,14 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from boxgrasp.arrays import Bools, Floats
+from boxgrasp.arrays import Floats
 from boxgrasp.ranking.model_set import SAMPLINGS, SVMS
 from boxgrasp.study.conditions import FRAMES, LEFT_BY, OCTOMAP_MISS, outermost_first
 from boxgrasp.study.curves import Variant
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, difference, less, mean, scaled
-from boxgrasp.study.plots import forest
-from boxgrasp.study.report import Cell, Picture, Row, Section, Table
+from boxgrasp.study.report import Cell, Section, Table
 from boxgrasp.study.sections.readings import KINDS, held
 from boxgrasp.study.sections.results import DIFFERENT, GROUPS, TABLE_4_1
 from boxgrasp.study.sections.training import B1
@@ -84,7 +83,6 @@ def causes_section(study: Study) -> Section:
         place="table 4-1, section 5-2-1, appendix B-1",
         words=(*_method_words(scenes), _found_words(tables[:2]), CAVEAT),
         tables=(*tables, _apart_table(single, cascade)),
-        pictures=tuple(_picture(trial, tried[trial.variant.version]) for trial in trials[:2]),
     )
 
 
@@ -99,8 +97,8 @@ def _method_words(scenes: Scenes) -> tuple[str, ...]:
         f"A cause is `{REJECTED}` if it changes the score by no more than {WITHIN}; `{POSSIBLE}` "
         "if it lowers it by more and the interval excludes 0, though whether it was so in the "
         f"thesis is unknown; else `{UNCLEAR}`, or `{HIGHER}` if it raises the score. `{FOUND}` "
-        "are those of the first lines that lower the score, since the thesis tells them: it calls "
-        "faces too wide unfeasible, and its own figures fit tables that are never empty. A "
+        "are those of the first lines that lower the score: the thesis calls faces too wide "
+        "unfeasible (5-2-1), and its other figures fit tables that are never empty. A "
         f"`{YARDSTICK}` is no cause, but what knowing nothing comes to. Beside it stands how many "
         "of the thesis's known, novel and total lie within our intervals. What is random is the "
         f"mean of {DRAWS} draws.",
@@ -183,39 +181,44 @@ def verdict(change: Estimate) -> str:
 
 
 def _table(trial: Trial, tried: Sequence[Change]) -> Table:
-    version = trial.variant.version
-    theirs: tuple[Cell, ...] = ("the thesis", "", *TABLE_4_1[version], None, "", "", None)
+    theirs: tuple[Cell, ...] = (
+        "the thesis", "", *TABLE_4_1[trial.variant.version], None, "", "", None,
+    )  # fmt: skip
     lines = [theirs, *_first_lines(trial)]
     for change in tried:
         by = difference(change.scores(), trial.usual.scores())
+        scores = _grouped(change.scores(), change.rows)
         said = change.verdict or verdict(by)
         alone = mean(change.scores(strict=False))
-        lines.append((change.cause, change.what, *_judged(trial, change.scores(), by, said), alone))
-    return Table(f"Causes, {version}", COLUMNS, tuple(lines))
+        lines.append((change.cause, change.what, *_judged(trial, scores, by, said), alone))
+    return Table(f"Causes, {trial.variant.version}", COLUMNS, tuple(lines))
 
 
 def _first_lines(trial: Trial) -> list[tuple[Cell, ...]]:
     """From the loosest reading of the score to the baseline."""
-    empty = trial.scenes.empty
+    tested, empty, share = trial.scenes.tested, trial.scenes.empty, trial.scenes.empty_share
     loose, strict = trial.usual.scores(strict=False), trial.usual.scores()
     without = scores_of(empty, picks_of(trial.model_set, empty), strict=False)
-    loosest = np.concatenate((loose, without))
-    share = len(without) / len(loosest)
     on_empty = scaled(mean(without), share)
     emptied = less(scaled(mean(loose), share), on_empty)
     together = less(mean(strict - (1.0 - share) * loose, (share - 1.0, 1.0)), on_empty)
+    by_group, strict_by_group = _grouped(loose, tested), _grouped(strict, tested)
+    mixed = [
+        less(scaled(some, 1.0 - share), scaled(other, -share))  # less a negative one: added
+        for some, other in zip(by_group, _grouped(without, empty), strict=True)
+    ]
+    how = f"clearance alone, {100 * share:.0f} % of the tables empty"
     wide = difference(strict, loose)
     steps = (
-        ("how the score is read", "clearance alone, a fifth of the tables empty", loosest, None),
-        ("empty tables", "no table is empty", loose, emptied),
-        ("faces too wide", "a face too wide is no grasp, no table is empty", strict, wide),
-        ("both: the baseline", "compared with the first line", strict, together),
+        ("how the score is read", how, mixed, None, mixed),
+        ("empty tables", "no table is empty", by_group, emptied, by_group),
+        ("faces too wide", "are no grasps, no table is empty", strict_by_group, wide, by_group),
+        ("both: the baseline", "against the first line", strict_by_group, together, by_group),
     )
     return [
-        (cause, what, *_judged(trial, scores, by, _told(by)),
-         mean(loosest if scores is loosest else loose))
-        for cause, what, scores, by in steps
-    ]  # fmt: skip
+        (cause, what, *_judged(trial, scores, by, _told(by)), alone[-1])
+        for cause, what, scores, by, alone in steps
+    ]
 
 
 def _told(by: Estimate | None) -> str:
@@ -225,21 +228,20 @@ def _told(by: Estimate | None) -> str:
     return FOUND if by.high < 0 else UNCLEAR
 
 
-def _judged(trial: Trial, scores: Floats, by: Estimate | None, said: str) -> tuple[Cell, ...]:
-    """The cells from `GROUPS` on: scores, difference, verdict, how many of the thesis's hold."""
-    tested, empty = trial.scenes.tested, trial.scenes.empty
-    known = _known(tested)
-    if len(scores) > len(known):  # empty tables come after the others
-        known = np.concatenate((known, _known(empty)))
+def _grouped(scores: Floats, rows: Rows) -> list[Estimate]:
+    """The mean of each of `GROUPS`."""
+    known = Evaluation(rows, {}).known
     which = {"known": known, "novel": ~known, "total": np.ones_like(known)}
-    estimates = [mean(scores[which[group]]) for group in GROUPS]
+    return [mean(scores[which[group]]) for group in GROUPS]
+
+
+def _judged(
+    trial: Trial, scores: Sequence[Estimate], by: Estimate | None, said: str
+) -> tuple[Cell, ...]:
+    """The cells from `GROUPS` on: scores, difference, verdict, how many of the thesis's hold."""
     theirs = TABLE_4_1[trial.variant.version]
-    held_by = sum(bool(e.holds(value)) for e, value in zip(estimates, theirs, strict=True))
-    return *estimates, by, said, f"{held_by} of {len(theirs)}"
-
-
-def _known(rows: Rows) -> Bools:
-    return Evaluation(rows, {}).known
+    inside = sum(bool(own.holds(value)) for own, value in zip(scores, theirs, strict=True))
+    return *scores, by, said, f"{inside} of {len(theirs)}"
 
 
 def _found_words(tables: Sequence[Table]) -> str:
@@ -262,21 +264,6 @@ def _found_words(tables: Sequence[Table]) -> str:
     ]
     sentences["With these all the thesis's figures lie within our intervals, for both"] = alike
     return " ".join(f"{words}: {'; '.join(names) or 'none'}." for words, names in sentences.items())
-
-
-def _picture(trial: Trial, tried: Sequence[Change]) -> Picture:
-    version = trial.variant.version
-    rows = [
-        Row(f"{change.cause} {change.what}".strip(), TABLE_4_1[version][-1], mean(change.scores()))
-        for change in (trial.usual, *tried)
-    ]
-    return Picture(
-        f"causes-{version}",
-        f"Score of {version} with each change, the thesis's .{100 * TABLE_4_1[version][-1]:.0f} as "
-        "a mark.",
-        svg=forest(rows),
-        alt=f"Scores of {version} by what was changed",
-    )
 
 
 def _apart_table(single: Sequence[Change], cascade: Sequence[Change]) -> Table:
