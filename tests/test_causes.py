@@ -228,6 +228,11 @@ def test_samples_are_moved_as_said(third: tuple[Seen, dict[str, object]]) -> Non
     seen, _ = third
     to_left = np.stack((-POINTS[:, 1], POINTS[:, 0], POINTS[:, 2]), axis=1)
     assert np.array_equal(turned(seen, POINTS, np.pi / 2), usual(seen, to_left))
+    from_1 = READINGS["counted-from-1"](seen, sampling("spiral")[:6])
+    golden, z = np.pi * (3 - np.sqrt(5)), np.linspace(1 - 1 / 12, 1 / 12, 6)  # the first layer
+    angle, r = golden * np.arange(1, 7), np.sqrt(1 - z * z)
+    printed = 0.075 * np.stack((r * np.cos(angle), r * np.sin(angle), z), axis=1)
+    assert np.array_equal(from_1, usual(seen, printed))
     raised = POINTS + (0.0, 0.0, seen.box.dimensions_m[2] / 2)
     assert np.array_equal(over_box_middle(seen, POINTS), usual(seen, raised))
     assert not np.array_equal(usual(seen, raised), usual(seen, POINTS))

@@ -34,6 +34,8 @@ from boxgrasp.teaching.sets import Rows
 SAMPLING: Final = "spiral"
 OCTOMAP_MISS: Final = 0.4  # probability, OctoMap's default
 LEFT_BY: Final = 2  # scenes before this one whose cells a map that is never cleared still holds
+# The spiral's angles are multiples of it, counted from 1 in the print, from 0 by its own counts.
+GOLDEN_RAD: Final = math.pi * (3.0 - math.sqrt(5.0))
 FRAMES: Final = BEFORE + 1  # of each scene, in a map that is never cleared
 PART_ROWS: Final = 50  # the scenes before the first are cast again
 
@@ -187,6 +189,7 @@ READINGS: Final[Mapping[str, Reading]] = {
     "quarter-left": partial(turned, angle_rad=math.pi / 2),
     "quarter-right": partial(turned, angle_rad=-math.pi / 2),
     "half-turn": partial(turned, angle_rad=math.pi),
+    "counted-from-1": partial(turned, angle_rad=GOLDEN_RAD),
 }
 
 

@@ -44,6 +44,7 @@ MAPS: Final[Mapping[str, tuple[str, str, bool]]] = {
     "quarter-left": ("samples turned", "by a quarter to the left", False),
     "quarter-right": ("samples turned", "by a quarter to the right", False),
     "half-turn": ("samples turned", "by a half", False),
+    "counted-from-1": ("samples turned", "angles counted from 1, as printed", False),
 }
 ALONE, BOTH = "in testing alone", "in training and testing"
 CAVEAT = (
