@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -51,6 +51,7 @@ _MARK_PX: Final = 11
 _EDGE_PX: Final = 10
 _GAP_PX: Final = 12
 _SHADES: Final = 128  # of a picture; a third of the bytes of all colors
+_KEPT: Final = (*CATEGORY.values(), GRIPPER, BLOCKED, OBSTACLE, WHITE, BLACK, INK)
 _TALL_M: Final = 0.40  # over the half sphere's center, where cells are palest
 _LOW_RGB, _HIGH_RGB = np.array((0, 70, 140.0)), np.array((250, 225, 90.0))
 _CELL_EDGE: Final = Stroke(BLACK, 0.8, alpha=150)
@@ -69,7 +70,7 @@ class Heading:
     """The words over a panel.
 
     Attributes:
-        words: one or two lines of them.
+        words: lines, broken again where they are too long.
         category: `green`, `yellow` or `red`, shown by color and shape; empty for none.
     """
 
@@ -356,14 +357,25 @@ def stacked(panels: Sequence[Panel]) -> bytes:
         sheet.paste(part, (0, y))
         y += part.height + (_GAP_PX if k % 2 else 0)
     held = io.BytesIO()
-    reduced: Any = sheet.quantize(_SHADES, dither=Images.Dither.NONE)
-    reduced.save(held, "PNG", optimize=True)
+    _reduced(sheet).save(held, "PNG", optimize=True)
     return held.getvalue()
+
+
+def _reduced(sheet: Image) -> Image:
+    """The sheet in few colors, those that mean something among them as they are."""
+    from PIL import Image as Images
+
+    none = Images.Dither.NONE
+    own = (sheet.quantize(_SHADES, dither=none).getpalette() or [])[: 3 * _SHADES]
+    palette = Images.new("P", (1, 1))
+    palette.putpalette([*own, *(value for color in _KEPT for value in color)])
+    return sheet.quantize(palette=palette, dither=none)
 
 
 def _heading(heading: Heading) -> Image:
     left = 2 * _MARK_PX + 2.0 * _EDGE_PX if heading.category else float(_EDGE_PX)
-    lines = wrap(heading.words, _LETTERS_PX, WIDTH_PX - left - _EDGE_PX)
+    room = WIDTH_PX - left - _EDGE_PX
+    lines = [line for part in heading.words.split("\n") for line in wrap(part, _LETTERS_PX, room)]
     canvas = blank(WIDTH_PX, _LINE_PX * len(lines) + _EDGE_PX, PAPER)
     if heading.category:
         look = Look(SHAPE[heading.category], CATEGORY[heading.category])

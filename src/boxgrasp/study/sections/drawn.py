@@ -118,8 +118,10 @@ def pick_panel(
     fits = bool(evaluation.rows["given_true_fits"][row, pick])
     tail = f"d = {100 * distance_m:.1f} cm" if fits else "wider than the opening"
     kind_of = category_of(evaluation, row, pick)
-    heading = Heading(f"{words}{pick_words(pick)}, {kind_of}: {tail}", kind_of)
-    panel = Panel(seen, heading, [hand_corners(candidate)], kind)
+    heading = Heading(f"{words}{pick_words(pick)}\n{kind_of}, {tail}", kind_of)
+    _, point = seen.nearest_obstacle(candidate)
+    focus = [hand_corners(candidate), *([point[None]] if fits and point is not None else [])]
+    panel = Panel(seen, heading, focus, kind)
     panel.box().lines((), candidate).hand(candidate, blocked=not fits)
     return panel.gap(candidate) if fits else panel.width(candidate)
 

@@ -11,6 +11,7 @@ from boxgrasp.arrays import Array, Bools, Floats
 from boxgrasp.geometry.transforms import transform
 from boxgrasp.grasps.candidates import FACES, FRONT, LINES, TOP_PARALLEL
 from boxgrasp.grasps.scoring import GREEN_FROM_M, RED_BELOW_M
+from boxgrasp.mapping.local_map import OCCUPIED
 from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.plots.scenes import Heading, Panel, stacked
@@ -121,7 +122,7 @@ def _stages(study: Study, evaluation: Evaluation) -> list[Picture | str]:
 def _overview(evaluation: Evaluation, row: int, seen: Seen) -> list[Panel]:
     pick = int(evaluation.picks(VERSION)[row])
     candidates = seen.candidates()
-    chosen = f"3. Of 15 candidates the SVMs take {pick_words(pick)}"
+    chosen = f"3. Of 15 candidates the SVMs take\n{pick_words(pick)}"
     return [
         Panel(seen, Heading("1. A box round the target"), [_sphere(seen)]).box(),
         _sampled(seen, "grid", 5.0, "2. Samples: occupied red, free white, unseen gray"),
@@ -170,11 +171,11 @@ def _pose(evaluation: Evaluation, row: int, seen: Seen) -> list[Panel]:
 
 def _mapped(seen: Seen) -> list[Panel]:
     size_m = RESOLUTION_M["grid"]
-    over = Panel(seen, Heading("Occupied cells of 7 cm, paler with height"), [_sphere(seen)])
-    return [
-        Panel(seen, Heading("The scene"), [_sphere(seen)]),
-        over.cells(seen.local_map(size_m)),
-    ]
+    local_map = seen.local_map(size_m)
+    cells = local_map.cells(OCCUPIED) + (0.0, 0.0, size_m / 2)
+    focus = [_sphere(seen), np.asarray(transform(local_map.T_base_map, cells))]
+    over = Panel(seen, Heading("Occupied cells of 7 cm, paler with height"), focus)
+    return [Panel(seen, Heading("The scene"), focus), over.cells(local_map)]
 
 
 def _sphere(seen: Seen) -> Floats:
@@ -213,16 +214,19 @@ def _categories(rows: Rows) -> tuple[Bools, Bools, Bools]:
     distance_m, fits = rows["given_thesis_clearance_m"], rows["given_true_fits"]
     red = distance_m < RED_BELOW_M
     green = distance_m >= GREEN_FROM_M
-    return green & fits, ~red & ~green & fits, red & fits
+    kinds = (green, ~red & ~green, red)
+    green, yellow, red = (np.asarray(kind & fits) for kind in kinds)
+    return green, yellow, red
 
 
 def _of_each_category(evaluation: Evaluation) -> Found:
     rows = evaluation.rows
-    faces = [kind.reshape(rows.count, len(FACES), -1).any(axis=2) for kind in _categories(rows)]
+    green, yellow, red = (
+        np.any(kind.reshape(rows.count, len(FACES), -1), axis=2).T for kind in _categories(rows)
+    )
     met = np.zeros(rows.count, bool)
-    for order in permutations(range(len(FACES)), 3):
-        green, yellow, red = (faces[k][:, face] for k, face in enumerate(order))
-        met |= green & yellow & red
+    for a, b, c in permutations(range(len(FACES)), 3):
+        met |= green[a] & yellow[b] & red[c]
     rule = "test scenes have candidates that fit of all three categories on three faces; the first"
     return Found("3-13", rule, np.flatnonzero(met), rows.count)
 

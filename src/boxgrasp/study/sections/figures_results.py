@@ -73,7 +73,9 @@ def _ad_hoc(study: Study) -> Found:
     first = evaluation.rows["run"] == 0
     met = _better(evaluation) & first
     rule = f"ad hoc scenes, seen for the first time, are feasible and score higher with {CASCADE}"
-    return Found("4-7", f"{rule}; the first two", np.flatnonzero(met), int(first.sum()))
+    return Found(
+        "4-7", f"{rule}; of these at most two, the first", np.flatnonzero(met), int(first.sum())
+    )
 
 
 def _better(evaluation: Evaluation) -> Bools:
