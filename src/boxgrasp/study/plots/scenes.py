@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 # On a screen of 390 px a panel is 345 px wide: letters of 24 px are then 15 px high.
-WIDTH_PX: Final = 560
+WIDTH_PX: Final = 540
 HEIGHT_PX: Final = 400
 _LETTERS_PX: Final = 24
 _LINE_PX: Final = 30

@@ -113,8 +113,8 @@ def alike_picture() -> Picture | str:
         f"5-1): target blue, box gray, occupied 3 cm cells green, samples white and where "
         f"occupied red. {DRAWN} boxes of 3 to 9 cm were drawn at random beside a can and cast "
         f"without noise: {found.unseen} read as if no box were there, {found.alike} just like "
-        "these; of those the three that differ most in size and place. The grid's 184 samples read them "
-        f"in {told} different {'way' if told == 1 else 'ways'}.",
+        "these; of those the three that differ most in size and place. The grid's 184 samples "
+        f"read them in {told} different {'way' if told == 1 else 'ways'}.",
         png=stacked(panels),
         alt="Three boxes of different size and place, and the same occupied samples",
     )

@@ -56,7 +56,7 @@ def drawn(
         The picture, or why there is none.
     """
     if not len(found.rows):
-        return f"Figure {found.figure} is not drawn: {found.said}."
+        return f"Figure {found.figure}{part} is not drawn: {found.said}."
     return Picture(
         f"figure-{found.figure}{part}",
         f"{words} (figure {found.figure}). {found.said}; drawn by that rule, not by look.",
