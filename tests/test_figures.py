@@ -44,7 +44,7 @@ FIGURES = (
 )  # fmt: skip
 STAGES = FIGURES[:7]
 SCALE = Scale(
-    labels=12, tested=16, first=8, need=1, central=1, real=2, ad_hoc=1, runs=2, fused=1
+    labels=8, tested=8, first=8, need=1, central=1, real=2, ad_hoc=1, runs=2, fused=1
 )  # fmt: skip
 
 
