@@ -48,10 +48,11 @@ MAPS: Final[Mapping[str, tuple[str, str, bool]]] = {
 }
 ALONE, BOTH = "in testing alone", "in training and testing"
 CAVEAT = (
-    "This is evidence, not proof: the thesis's scenes, labels and programs are not at hand, and "
-    "several changes can come to the same figures; of so many, one may fit by chance. What is changed in testing alone stands for "
-    "any difference between the features that the spiral was taught with and those that it was "
-    "tested with; whether there was one, and which, cannot be seen from here."
+    "This is evidence, not proof: the thesis's scenes, labels and programs are not at hand, several "
+    "changes can come to the same figures, and of so many one may fit by chance. What is changed "
+    "in testing alone stands for any difference between the features that the spiral was taught "
+    "with and those that it was tested with; whether there was one, and which, cannot be seen from "
+    "here."
 )
 
 
@@ -100,9 +101,9 @@ def _method_words(scenes: Scenes) -> tuple[str, ...]:
         f"thesis is unknown; else `{UNCLEAR}`, or `{HIGHER}` if it raises the score. `{FOUND}` "
         "are those of the first lines that lower the score: the thesis calls faces too wide "
         "unfeasible (5-2-1), and its other figures fit tables that are never empty. A "
-        f"`{YARDSTICK}` is no cause, but what knowing nothing comes to. Beside each stands how many "
-        "of the thesis's known, novel and total lie within our intervals. What is random is the "
-        f"mean of {DRAWS} draws.",
+        f"`{YARDSTICK}` is no cause, but what knowing nothing comes to. Beside each stands how "
+        "many of the thesis's known, novel and total lie within our intervals. What is random is "
+        f"the mean of {DRAWS} draws.",
     )
 
 
