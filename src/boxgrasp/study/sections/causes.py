@@ -49,10 +49,10 @@ MAPS: Final[Mapping[str, tuple[str, str, bool]]] = {
 ALONE, BOTH = "in testing alone", "in training and testing"
 CAVEAT = (
     "This is evidence, not proof: the thesis's scenes, labels and programs are not at hand, "
-    "several changes can come to the same figures, and of so many one may fit by chance. What is changed "
-    "in testing alone stands for any difference between the features that the spiral was taught "
-    "with and those that it was tested with; whether there was one, and which, cannot be seen from "
-    "here."
+    "several changes can come to the same figures, and of so many one may fit by chance. What is "
+    "changed in testing alone stands for any difference between the features that the spiral was "
+    "taught with and those that it was tested with; whether there was one, and which, cannot be "
+    "seen from here."
 )
 
 
