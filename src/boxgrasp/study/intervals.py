@@ -126,6 +126,29 @@ def difference(
     return _bounded(_known(first - second), (-span, span), 1.0)
 
 
+def apart(a: Estimate, b: Estimate) -> Estimate:
+    """The difference of two figures of different scenes.
+
+    Interval: from the two figures' own (Newcombe 1998, Stat. Med. 17, for shares; Zou and Donner
+    2008, Stat. Med. 27, for any figure).
+
+    Args:
+        a: a figure, or missing.
+        b: another, of other scenes.
+
+    Returns:
+        a - b, with the smaller of the two counts; nothing where either is missing.
+    """
+    if a.value is None or a.low is None or a.high is None:
+        return NOTHING
+    if b.value is None or b.low is None or b.high is None:
+        return NOTHING
+    gap = a.value - b.value
+    down = math.hypot(a.value - a.low, b.high - b.value)
+    up = math.hypot(a.high - a.value, b.value - b.low)
+    return Estimate(gap, gap - down, gap + up, min(a.count, b.count))
+
+
 def _bounded(values: Floats, bounds: Bounds, added: float) -> Estimate:
     """Mean, and the normal interval after adding so many values at each bound."""
     _validate(values, bounds)
