@@ -187,11 +187,12 @@ def mean_like(values: Array, counts: Array, wanted: Array) -> Estimate:
         The mean, each number of obstacles weighted as it is wanted; nothing where one is wanted
         that no scene has.
     """
-    parts = []
+    parts, count = [], 0
     for number, times in zip(*np.unique(wanted, return_counts=True), strict=True):
         part = mean(np.asarray(values, np.float64)[counts == number])
         if part.value is None or part.low is None or part.high is None:
             return NOTHING
+        count += part.count
         parts.append((times / len(wanted), part.value, part.low, part.high))
     if not parts:
         return NOTHING
@@ -199,4 +200,4 @@ def mean_like(values: Array, counts: Array, wanted: Array) -> Estimate:
     middle = float(weight @ value)
     down = float(np.linalg.norm(weight * (value - low)))
     up = float(np.linalg.norm(weight * (high - value)))
-    return Estimate(middle, middle - down, middle + up, len(values))
+    return Estimate(middle, middle - down, middle + up, count)
