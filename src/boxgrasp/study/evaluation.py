@@ -144,17 +144,20 @@ class Evaluation:
     Attributes:
         rows: of the set.
         model_sets: trained models by the ranker's name.
+        commonest: the candidate that the operator took most often in training, which `picks`
+            knows as `commonest`; None where it is not asked for.
     """
 
     rows: Rows
     model_sets: Mapping[str, ModelSet]
+    commonest: int | None = None
     _orders: dict[tuple[str, str], Array] = field(default_factory=dict)
 
     def order(self, ranker: str, target_source: str = "given") -> Array:
         """What a ranker prefers.
 
         Args:
-            ranker: its name; `operator` for the labels.
+            ranker: its name; `operator` for the labels, `commonest` for the most common class.
             target_source: `given` or `found`.
 
         Returns:
@@ -173,6 +176,9 @@ class Evaluation:
         every = np.tile(np.arange(count), (self.rows.count, 1))
         if ranker == "operator":
             every[:, 0] = self.rows["label"] - 1
+            return every
+        if ranker == "commonest" and self.commonest is not None:
+            every[:, 0] = self.commonest
             return every
         answered = self.answered(target_source)
         rows = self.rows.take(answered)
@@ -271,7 +277,7 @@ class Evaluation:
         Returns:
             Another one.
         """
-        return Evaluation(self.rows.take(which), self.model_sets)
+        return Evaluation(self.rows.take(which), self.model_sets, self.commonest)
 
     @cached_property
     def known(self) -> Array:

@@ -1,6 +1,6 @@
 """What picks come to, many at once: clearances, scores, categories (thesis 3-4).
 
-A face wider than the opening is no grasp: the thesis calls it unfeasible (5-2-1, figure 5-2), so that
+A face wider than the opening is no grasp: the thesis calls it unfeasible (5-2-1, figure 5-2), so
 such a pick is red and scores 0. Its distance alone, which 3-4 scores by, is kept beside it.
 """
 
@@ -200,7 +200,9 @@ def chance_of(rows: Mapping[str, Array], target_source: str = "given") -> Chance
     every = [metrics_of(rows, target_source, np.full(count, k)) for k in range(candidates)]
 
     def average(name: str) -> Floats:
-        return np.mean([np.asarray(getattr(m, name), np.float64) for m in every], axis=0)
+        return np.asarray(
+            np.mean([np.asarray(getattr(m, name), np.float64) for m in every], axis=0)
+        )
 
     return Chance(*map(average, ("score", "clearance_score", "unobstructed", "too_wide")))
 

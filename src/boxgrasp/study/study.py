@@ -10,17 +10,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from boxgrasp.arrays import Array
 from boxgrasp.errors import ConfigError
-from boxgrasp.execution import Store, Workers
+from boxgrasp.execution import Store, Workers, finish
 from boxgrasp.forks import cached_property
 from boxgrasp.ranking.model_set import SVMS, ModelSet
 from boxgrasp.simulate.scenario import Recipe, targets_of
+from boxgrasp.study.again import again_part, read_again
 from boxgrasp.study.evaluation import Evaluation, model_sets_in
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
 from boxgrasp.teaching.train import train_svms
 
 STREAMS = 1000
+AGAIN_ROWS = 40  # scenes a task
 
 
 @dataclass(frozen=True)
@@ -212,5 +217,22 @@ class Study:
             StoreError: the place cannot be read.
         """
         if name not in self._evaluations:
-            self._evaluations[name] = Evaluation(self.rows(name), self.model_sets)
+            self._evaluations[name] = Evaluation(self.rows(name), self.model_sets, self.commonest)
         return self._evaluations[name]
+
+    @cached_property
+    def commonest(self) -> int:
+        """The candidate's index that the operator took most often in training."""
+        return int(np.bincount(self.rows("labels")["label"]).argmax()) - 1
+
+    @cached_property
+    def again(self) -> Array:
+        """(N,) what the operator takes in the first test scenes on another day, -1 for none."""
+        config = self.sets()["tested"].rows
+        count = min(self.scale.curve_tested, self.scale.tested)
+        tasks = {
+            f"again/{k:05d}.json": (config, range(k, min(k + AGAIN_ROWS, count)))
+            for k in range(0, count, AGAIN_ROWS)
+        }
+        finish(self.store, tasks, again_part, self.workers, "operator again")
+        return read_again([self.store.read(name) for name in tasks])

@@ -281,7 +281,7 @@ def chosen(*grids: Grid) -> Pair:
     unequal classes. Where nearly all examples are of one class every pair is as accurate, and the
     largest gamma says that class always; so of the pairs within `AS_GOOD` of the best accuracy the
     best balanced one is taken, which is what the larger gamma was to bring, then the largest gamma,
-    the more accurate, the smaller C. A pair that gives every example the same answer is never taken.
+    the more accurate, the smaller C. A pair that gives all examples one answer is never taken.
 
     Args:
         grids: one or more.
@@ -305,9 +305,7 @@ def chosen(*grids: Grid) -> Pair:
         )
     best = max(pair.accuracy for pair in pairs)
     good = [pair for pair in pairs if pair.accuracy >= best - AS_GOOD - 1e-9]
-    return max(
-        good, key=lambda p: (round(p.balanced, 9), p.gamma, round(p.accuracy, 9), -p.C)
-    )
+    return max(good, key=lambda p: (round(p.balanced, 9), p.gamma, round(p.accuracy, 9), -p.C))
 
 
 def _round(middle: float, coarse: Sequence[float]) -> tuple[float, ...]:
