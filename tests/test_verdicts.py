@@ -1,8 +1,9 @@
-"""The standard gives the verdicts that its words say, and no result of the thesis is without one."""
+"""The standard gives the verdicts that its words say; no result of the thesis is without one."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from boxgrasp.study.answers.figures import mean_like
 from boxgrasp.study.answers.samplings import table_in_lowest_cell
 from boxgrasp.study.catalogue import catalogue
 from boxgrasp.study.intervals import NOTHING, Estimate, apart, mean, share
+from boxgrasp.study.sections.declared import READINGS, declared_section
 from boxgrasp.study.verdicts import STANDARD, Said, judge
 
 
@@ -82,7 +84,9 @@ def test_the_joint_interval_holds_the_truth_as_often_as_it_says() -> None:
     """Shares of 42 and 120 scenes with one true share: apart by chance alone in about 5 %."""
     rng = np.random.default_rng(3)
     draws = rng.binomial(42, 0.8, 2000), rng.binomial(120, 0.8, 2000)
-    same = [judge(Said("share", int(b), 120), share(int(a), 42)) for a, b in zip(*draws, strict=True)]
+    same = [
+        judge(Said("share", int(b), 120), share(int(a), 42)) for a, b in zip(*draws, strict=True)
+    ]
     assert 0.93 <= np.mean([verdict == "reproduced" for verdict in same]) <= 0.975
 
 
@@ -163,3 +167,12 @@ def test_the_world_s_lattice_by_counting_cells(table_m: float, shared: bool) -> 
 
     assert (holds(table_m) == holds(table_m + 0.05)) is shared
     assert table_in_lowest_cell(0.07, table_m) is shared
+
+
+def test_the_docs_declare_the_readings_that_the_report_does() -> None:
+    page = (Path(__file__).resolve().parent.parent / "docs" / "thesis.md").read_text("utf-8")
+    table = page.partition("## Where our reading differs from the print")[2].partition("\n## ")[0]
+    lines = [line for line in table.splitlines() if line.startswith("| ")]
+    assert lines[1:] == [f"| {' | '.join(reading)} |" for reading in READINGS]
+    rows = {row.name: row.ours for row in declared_section().rows}
+    assert list(rows.values()) == ["two cells", "two cells", "0.29 of all"]

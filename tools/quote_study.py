@@ -74,7 +74,11 @@ def text_of(figures: dict[str, Any]) -> str:
     for claim in figures["claims"]:
         words = f"{QUOTED[claim['key']]} | {claim['theirs']} | {_shown(claim['ours'])}"
         lines.append(f"| {words} | {claim['verdict']} |")
-    lines += ["", "| the package, where there is a good grasp | measured, 95 % interval |", "|---|---|"]
+    lines += [
+        "",
+        "| the package, where there is a good grasp | measured, 95 % interval |",
+        "|---|---|",
+    ]
     lines += [f"| {row['name']} | {_shown(row['ours'])} |" for row in figures["rows"]]
     return "\n".join([*lines, END])
 

@@ -31,8 +31,8 @@ READINGS = (
         "portion before a side face",
         "y at most that of the center",
         "y below it",
-        "the first sample of each of the spiral's four layers lies at y = 0: with them 61, the table "
-        "says 57. Of the grid's none lies there",
+        "the first sample of each of the spiral's four layers lies at y = 0: with them 61, the "
+        "table says 57. Of the grid's none lies there",
     ),
     (
         "three lines a face",
@@ -44,9 +44,10 @@ READINGS = (
         "place of the map's cells",
         "not said; OctoMap's lattice is the world's",
         "aligned with the half sphere, turned with the box",
-        "so that a sample is the middle of its cell wherever the target stands. The thesis's target "
-        "always stood at the same place of the table, so that its samples met the lattice in one "
-        "way too; ours does not. The table is no reason at 0.80 m: see the rows",
+        "so that a sample is the middle of its cell wherever the target stands. The thesis's "
+        "target always stood at the same place of the table, so that its samples met the lattice in one "
+        "way too; ours does not. The table is no reason: its top at 0.80 m lies in the 7 cm cell "
+        "from 0.77 to 0.84 m of the world's lattice, the lowest samples at 0.85 m in the next",
     ),
     (
         "a miss in the map",
@@ -58,12 +59,18 @@ READINGS = (
         "the map of several runs",
         "one map, fed by every frame, never reset",
         "a map for each decision; beside it one that is never reset",
-        "decisions stay independent. What was once read as occupied stays until it is crossed "
-        "often enough: OctoMap's clamping keeps a sample that noise once filled for some frames, so "
-        "that the runs of a scene are not independent there",
+        "decisions stay independent. In the one that runs on, what noise once filled stays until "
+        "it is crossed often enough, so that the runs of a scene lean on each other",
     ),
     (
-        "dimensions over the maximal edge",
+        "samples on the map that runs on",
+        "round the box, which is fitted anew to each frame",
+        "they stay where the first frame's box was; the box's dimensions are each frame's",
+        "the cells stay, as the thesis's did, and a sample stays the middle of its cell; a box "
+        "that moves by millimeters would move the thesis's samples with it",
+    ),
+    (
+        'dimensions over "the maximal edge"',
         "can be read in two ways",
         "the training set's longest edge; each box's own is reported beside it",
         "the other loses the scale",
@@ -80,10 +87,10 @@ LIBERTIES = (
      "that hang on a rod, 20 to 30 cm over the table, as the text says"),
     ("mug, wooden bar, colors", "not given", "dimensions and colors are ours"),
     ("yaw of obstacles", "not said", "turned at random; the target stands along the base's axes"),
-    ("jitter of the camera", "one robot, fully lifted, looking at the table", "its place varies by 20 "
-     "and 30 cm, its height by 25 cm, its gaze by 10 cm from scene to scene"),
+    ("jitter of the camera", "one robot, fully lifted, looking at the table", "its place varies by "
+     "20 and 30 cm, its height by 25 cm, its gaze by 10 cm from scene to scene"),
     ("place of the target", "always the center of the table", "up to 2 cm off it along x and y"),
-    ("number of obstacles", "a maximum of four", "1 to 4, each as likely; an empty table has no task"),
+    ("number of obstacles", "a maximum of four", "1 to 4, each as likely; none is no clutter"),
     ("the operator", "one person", "a rule with such habits, set to what the text keeps of them"),
     ("the robot and its table", "ten and 42 real scenes", "simulated scenes, strong sensor noise"),
 )  # fmt: skip
