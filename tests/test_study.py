@@ -244,7 +244,7 @@ def test_table_4_1_comes_out_of_the_stored_rows_by_numpy_alone(base: Path) -> No
     clearances_m = column(table, "given_thesis_clearance_m")
     fits = column(table, "given_true_fits").astype(bool)
     known = np.isin(column(table, "target"), KNOWN)
-    assert clearances_m.shape == fits.shape == (12, 15) and known.sum() == 6
+    assert clearances_m.shape == fits.shape == (12, 15) and known.sum() == 8
     store, claims = Store(base), claims_of(base)
     evaluation = Evaluation(read_set(store, "sets/tested/")[1], model_sets_in(store, "models/"))
     groups = {"known": known, "novel": ~known, "total": np.ones_like(known)}
