@@ -92,9 +92,27 @@ def sample():
             Section(key="empty", title="Nothing"),
         ),
         claims=(
-            Claim("grid", "Grid over spiral", "4-2", "+0.26", share(3, 9), "reproduced", "seen"),
-            Claim("order", "Order of scores", "3-4", "all", "3 of 6", "not reproduced", "ties"),
-            Claim("bars", "Bars", "figure 4-3", "–", None, "cannot be judged here", "lost"),
+            Claim(
+                "grid",
+                "Grid over spiral",
+                "4-2",
+                "difference",
+                "+0.26",
+                share(3, 9),
+                "reproduced",
+                "seen",
+            ),
+            Claim(
+                "order",
+                "Order of scores",
+                "3-4",
+                "count",
+                "all",
+                "3 of 6",
+                "not reproduced",
+                "ties",
+            ),
+            Claim("bars", "Bars", "figure 4-3", "open", "–", None, "cannot be judged here", "lost"),
         ),
     )
 
@@ -111,7 +129,7 @@ def hostile():
                 (Picture("p", HOSTILE, svg=f"<svg><!--{HOSTILE}--></svg>", alt=HOSTILE),),
             ),
         ),
-        (Claim("c", HOSTILE, HOSTILE, HOSTILE, HOSTILE, "weaker", HOSTILE),),
+        (Claim("c", HOSTILE, HOSTILE, "above", HOSTILE, HOSTILE, "weaker", HOSTILE),),
         HOSTILE,
     )  # fmt: skip
 
@@ -152,7 +170,8 @@ def test_json_has_stable_keys_and_names_pictures_by_file():
         "schema", "title", "made_with", "sections", "claims", "notice", "standard",
     ]  # fmt: skip
     assert found["claims"][0] == {
-        "key": "grid", "text": "Grid over spiral", "place": "4-2", "theirs": "+0.26",
+        "key": "grid", "text": "Grid over spiral", "place": "4-2", "kind": "difference",
+        "theirs": "+0.26",
         "ours": {"value": share(3, 9).value, "low": share(3, 9).low, "high": share(3, 9).high,
                  "count": 9},
         "verdict": "reproduced", "reason": "seen",
@@ -264,6 +283,8 @@ def test_the_thesis_outside_our_interval_is_marked_and_only_there():
     assert "▲ thesis higher" in markdown(sample())
     counts = "Of 3 results of the thesis: 1 reproduced, 1 not reproduced, 1 cannot be judged here."
     assert counts in page(sample()) and counts in markdown(sample())
+    assert "Counted without chance, 1: 1 not reproduced." in page(sample())
+    assert "Kept in no text, 1: 1 cannot be judged here." in page(sample())
 
 
 def test_numbers_are_written_with_the_digits_they_have():
@@ -291,11 +312,11 @@ def test_what_cannot_be_a_report_is_refused():
         Table("t", ("a", "b"), (("c",),))
     with pytest.raises(ValueError, match="section 's' is there twice"):
         Report("t", sections=(Section("s", "a"), Section("s", "b")))
-    claim = Claim("c", "", "", "", None, "cannot be judged here")
+    claim = Claim("c", "", "", "open", "", None, "cannot be judged here")
     with pytest.raises(ValueError, match="claim 'c' is there twice"):
         Report("t", claims=(claim, claim))
     with pytest.raises(ValueError, match="name of a claim is 'a b'"):
-        Claim("a b", "", "", "", None, "cannot be judged here")
+        Claim("a b", "", "", "open", "", None, "cannot be judged here")
     with pytest.raises(ValueError, match="picture 'p' is there twice"):
         twice = (Picture("p", "", svg=SVG), Picture("p", "", svg=SVG))
         Report("t", sections=(Section("s", "a", pictures=twice),))

@@ -12,7 +12,7 @@ import msgspec
 
 from boxgrasp.errors import StoreError
 from boxgrasp.study.intervals import Estimate
-from boxgrasp.study.verdicts import STANDARD, Verdict
+from boxgrasp.study.verdicts import STANDARD, Kind, Verdict
 
 SCHEMA: Final = 2
 STAND_IN: Final = (
@@ -152,6 +152,7 @@ class Claim:
         key: names it, here and in the list of the thesis's results.
         text: what the thesis says.
         place: where.
+        kind: by which rule of the standard it is judged.
         theirs: its figure, bar or side, in words.
         ours: our number, estimate or words; None where it cannot be judged here.
         verdict: by the report's standard.
@@ -164,6 +165,7 @@ class Claim:
     key: str
     text: str
     place: str
+    kind: Kind
     theirs: str
     ours: Cell
     verdict: Verdict

@@ -6,6 +6,7 @@ import base64
 import math
 import re
 from collections import Counter
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Final, Protocol
 
@@ -154,16 +155,31 @@ def summary(report: Report) -> tuple[str, ...]:
     Returns:
         Paragraphs.
     """
-    said = []
-    verdicts = Counter(claim.verdict for claim in report.claims)
-    if report.claims:
-        counts = ", ".join(f"{verdicts[word]} {word}" for word in VERDICTS if verdicts[word])
-        said.append(f"Of {len(report.claims)} results of the thesis: {counts}.")
-        said.append(
-            "The mark beside a row further below says only where the thesis's figure lies of our "
-            "own interval; its verdict, with the thesis's sampling error too, is in this list."
-        )
+    if not report.claims:
+        return ()
+    parts = {
+        "Counted without chance": ("count",),
+        "Figures and shares": ("figure", "share"),
+        "Differences, levels and words": ("difference", "above", "below", "alike"),
+        "Kept in no text": ("open",),
+    }
+    said = [f"Of {len(report.claims)} results of the thesis: {_counts(report.claims)}."]
+    by_kind = [
+        (words, [claim for claim in report.claims if claim.kind in kinds])
+        for words, kinds in parts.items()
+    ]
+    said += [f"{words}, {len(own)}: {_counts(own)}." for words, own in by_kind if own]
+    said.append(
+        "The mark beside a row further below says only where the thesis's figure lies of our own "
+        "interval; its verdict, with the thesis's sampling error too, is in this list."
+    )
     return tuple(said)
+
+
+def _counts(claims: Sequence[Claim]) -> str:
+    """How many claims have each verdict."""
+    found = Counter(claim.verdict for claim in claims)
+    return ", ".join(f"{found[word]} {word}" for word in VERDICTS if found[word])
 
 
 def row_cells(row: Row) -> tuple[str, ...]:

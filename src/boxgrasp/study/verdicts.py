@@ -64,7 +64,8 @@ class Said:
             return f"{self.kind} {self.value:.2f}"
         if self.kind == "alike":
             return f"within ±{self.value:.2f}"
-        return f"{self.value} (of {self.of})" if self.of else str(self.value)
+        text = f"{self.value:,}" if isinstance(self.value, int) else str(self.value)
+        return f"{text} (of {self.of})" if self.of else text
 
 
 def judge(said: Said, ours: Ours) -> Verdict:

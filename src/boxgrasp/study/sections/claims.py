@@ -37,5 +37,12 @@ def _claim(result: Result, figures: Figures) -> Claim:
     if verdict == "cannot be judged here" and isinstance(answer.ours, Estimate):
         reason = " ".join(part for part in (NONE, reason) if part)
     return Claim(
-        result.key, result.says, result.place, str(result.said), answer.ours, verdict, reason
+        key=result.key,
+        text=result.says,
+        place=result.place,
+        kind=result.said.kind,
+        theirs=str(result.said),
+        ours=answer.ours,
+        verdict=verdict,
+        reason=reason,
     )
