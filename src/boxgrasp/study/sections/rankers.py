@@ -16,7 +16,8 @@ from boxgrasp.study.study import Study
 SOLVABLE_M = 0.025
 COLUMNS = (
     "ranker", "answered", "score, visible", "the same by clearance alone", "score, exact",
-    "strict score",    "unobstructed, visible", "clear, exact", "good, exact", "into the table", "too wide",
+    "strict score", "unobstructed, visible", "clear, exact", "good, exact", "into the table",
+    "too wide",
 )  # fmt: skip
 SOURCES = {
     "given": "target points and aligned box given",
