@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from boxgrasp.study.answers.figures import (
 )
 from boxgrasp.study.answers.samplings import cells_of
 from boxgrasp.study.intervals import NOTHING, Estimate, apart, mean
+from boxgrasp.study.report import Table
 from boxgrasp.study.sections.chapter5 import fallbacks, lost_candidates, lost_shares, missed_table
 
 _CUBE_M = 0.06  # the green cube (3-1)
@@ -27,9 +29,14 @@ _CUBES = 4_000
 _MOVED_M = 0.01
 
 
+@lru_cache(maxsize=1)  # two results are read from it
+def _table(figures: Figures) -> Table:
+    return missed_table(figures.tested)
+
+
 def _missed(figures: Figures, name: str) -> tuple[Estimate, Estimate]:
     """How often spiral and grid miss an obstacle; `all` for any."""
-    for line in missed_table(figures.tested).rows:
+    for line in _table(figures).rows:
         if line[0] == name:
             _, _, spiral, grid = line
             assert isinstance(spiral, Estimate) and isinstance(grid, Estimate)
