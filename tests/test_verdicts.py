@@ -18,7 +18,7 @@ from boxgrasp.study.answers import ANSWERS
 from boxgrasp.study.answers.figures import mean_like
 from boxgrasp.study.answers.samplings import table_in_lowest_cell
 from boxgrasp.study.catalogue import catalogue
-from boxgrasp.study.intervals import NOTHING, Estimate, apart, mean, share
+from boxgrasp.study.intervals import NOTHING, Estimate, less, mean, share
 from boxgrasp.study.sections.declared import READINGS, declared_section
 from boxgrasp.study.verdicts import STANDARD, Said, judge
 
@@ -91,9 +91,9 @@ def test_the_joint_interval_holds_the_truth_as_often_as_it_says() -> None:
 
 
 def test_apart_is_newcombe_s_interval() -> None:
-    gap = apart(share(56, 70), share(48, 80))  # Newcombe 1998, example (a), method 10
+    gap = less(share(56, 70), share(48, 80))  # Newcombe 1998, example (a), method 10
     assert (gap.value, gap.low, gap.high) == pytest.approx((0.2, 0.0524, 0.3339), abs=5e-5)
-    assert apart(NOTHING, share(1, 2)) == apart(share(1, 2), NOTHING) == NOTHING
+    assert less(NOTHING, share(1, 2)) == less(share(1, 2), NOTHING) == NOTHING
 
 
 def test_a_mean_at_other_numbers_of_obstacles() -> None:

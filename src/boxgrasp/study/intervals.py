@@ -126,27 +126,47 @@ def difference(
     return _bounded(_known(first - second), (-span, span), 1.0)
 
 
-def apart(a: Estimate, b: Estimate) -> Estimate:
-    """The difference of two figures of different scenes.
+def less(a: Estimate, b: Estimate) -> Estimate:
+    """The difference a - b of estimates that were made apart.
 
-    Interval: from the two figures' own (Newcombe 1998, Stat. Med. 17, for shares; Zou and Donner
-    2008, Stat. Med. 27, for any figure).
+    Interval: the squares of both intervals' halves add up, each on its own side (Newcombe 1998,
+    Stat. Med. 17, for shares).
 
     Args:
-        a: a figure, or missing.
-        b: another, of other scenes.
+        a: an estimate.
+        b: another, of other values.
 
     Returns:
-        a - b, with the smaller of the two counts; nothing where either is missing.
+        The difference; nothing where either has no interval.
     """
-    if a.value is None or a.low is None or a.high is None:
+    (x, x_low, x_high), (y, y_low, y_high) = _ends(a), _ends(b)
+    if math.isnan(x) or math.isnan(y):
         return NOTHING
-    if b.value is None or b.low is None or b.high is None:
-        return NOTHING
-    gap = a.value - b.value
-    down = math.hypot(a.value - a.low, b.high - b.value)
-    up = math.hypot(a.high - a.value, b.value - b.low)
-    return Estimate(gap, gap - down, gap + up, min(a.count, b.count))
+    low = x - y - math.hypot(x - x_low, y_high - y)
+    high = x - y + math.hypot(x_high - x, y - y_low)
+    return Estimate(x - y, low, high, a.count + b.count)
+
+
+def scaled(of: Estimate, weight: float) -> Estimate:
+    """An estimate times a weight.
+
+    Args:
+        of: an estimate.
+        weight: any; a negative one exchanges the interval's ends.
+
+    Returns:
+        The product; nothing where there is no interval.
+    """
+    value, *ends = (weight * end for end in _ends(of))
+    low, high = sorted(ends)
+    return NOTHING if math.isnan(value) else Estimate(value, low, high, of.count)
+
+
+def _ends(of: Estimate) -> tuple[float, float, float]:
+    """Value, low and high, NaN without an interval."""
+    if of.value is None or of.low is None or of.high is None:
+        return math.nan, math.nan, math.nan
+    return of.value, of.low, of.high
 
 
 def _bounded(values: Floats, bounds: Bounds, added: float) -> Estimate:

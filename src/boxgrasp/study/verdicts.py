@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from boxgrasp.study.intervals import NOTHING, Estimate, apart, share
+from boxgrasp.study.intervals import NOTHING, Estimate, less, share
 
 Verdict = Literal[
     "reproduced", "weaker", "not reproduced", "higher", "lower", "cannot be judged here"
@@ -118,7 +118,7 @@ def _count(said: Said, ours: Ours) -> Verdict:
 
 
 def _figure(said: Said, ours: Estimate) -> Verdict:
-    gap = apart(ours, theirs_of(said, ours))
+    gap = less(ours, theirs_of(said, ours))
     assert gap.low is not None and gap.high is not None and gap.value is not None
     if gap.low <= 0.0 <= gap.high:
         return "reproduced"

@@ -20,7 +20,7 @@ from boxgrasp.study.answers.figures import (
     share_of,
 )
 from boxgrasp.study.answers.samplings import cells_of
-from boxgrasp.study.intervals import NOTHING, Estimate, apart, mean
+from boxgrasp.study.intervals import NOTHING, Estimate, less, mean
 from boxgrasp.study.report import Table
 from boxgrasp.study.sections.chapter5 import fallbacks, lost_candidates, lost_shares, missed_table
 
@@ -47,7 +47,7 @@ def _missed(figures: Figures, name: str) -> tuple[Estimate, Estimate]:
 def _cube_missed(figures: Figures) -> Answer:
     spiral, grid = _missed(figures, "green_cube")
     return Answer(
-        apart(spiral, grid),
+        less(spiral, grid),
         f"cubes in the half sphere that no sample meets, spiral less grid: {spiral.value or 0:.3f} "
         f"and {grid.value or 0:.3f}",
     )
@@ -165,7 +165,7 @@ def _bias_errors(figures: Figures) -> Answer:
     parts = {}
     for version in (CASCADE, SINGLE):
         fallen, usual = fallbacks(figures.study, figures.tested, version)
-        parts[version] = apart(fallen, usual)
+        parts[version] = less(fallen, usual)
     other = parts[SINGLE].value
     return Answer(
         parts[CASCADE],

@@ -8,7 +8,7 @@ from boxgrasp.arrays import Array, Bools
 from boxgrasp.grasps.candidates import FACES, FRONT, LINES, TOP_PARALLEL
 from boxgrasp.grasps.scoring import RED_BELOW_M
 from boxgrasp.study.answers.figures import CENTRAL, Answer, Answers, Figures, green, share_of
-from boxgrasp.study.intervals import apart, mean
+from boxgrasp.study.intervals import less, mean
 
 _SET = "The stand-in was set to match this; agreement is no finding."
 
@@ -70,7 +70,7 @@ def _off_line(figures: Figures) -> Answer:
     blocked = _obstructed(figures)[np.arange(len(off)), _face(figures) - 1]
     with_, without = share_of(off, blocked), share_of(off, ~blocked)
     return Answer(
-        apart(with_, without),
+        less(with_, without),
         "lines 1 and 3 where the middle line of the chosen face is obstructed, less where it is "
         "free",
     )

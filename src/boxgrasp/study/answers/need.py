@@ -21,7 +21,7 @@ from boxgrasp.study.answers.figures import (
     share_of,
 )
 from boxgrasp.study.answers.versions import group_of
-from boxgrasp.study.intervals import Estimate, apart, difference, mean
+from boxgrasp.study.intervals import Estimate, difference, less, mean
 from boxgrasp.study.sections.real import changed_scenes
 from boxgrasp.teaching.sets import Rows
 
@@ -58,7 +58,7 @@ def _rate(group: str) -> Callable[[Figures], Answer]:
 def _bigger(figures: Figures) -> Answer:
     known, novel = (_rate(group)(figures).ours for group in ("known", "novel"))
     assert isinstance(known, Estimate) and isinstance(novel, Estimate)
-    return Answer(apart(known, novel), "how often the need occurs, known less novel targets")
+    return Answer(less(known, novel), "how often the need occurs, known less novel targets")
 
 
 def _score(version: str, group: str) -> Callable[[Figures], Answer]:

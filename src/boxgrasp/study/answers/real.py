@@ -19,7 +19,7 @@ from boxgrasp.study.answers.figures import (
     obstacle_counts,
     share_of,
 )
-from boxgrasp.study.intervals import apart, mean, share
+from boxgrasp.study.intervals import less, mean, share
 from boxgrasp.study.sections.real import WRONG_BOX_M, changed_running, changed_scenes
 
 _TALL = "crisps"
@@ -53,7 +53,7 @@ def _alike(figures: Figures) -> Answer:
     simulated = figures.tested.metrics(CASCADE).score
     like = mean_like(simulated, obstacle_counts(figures.tested.rows), wanted)
     return Answer(
-        apart(mean(scores), like),
+        less(mean(scores), like),
         f"stand-in {scores.mean():.3f}, simulation {like.value or 0.0:.3f} weighted to the same "
         f"numbers of obstacles (on average {wanted.mean():.1f}), {simulated.mean():.3f} as it is. "
         "The objects differ too, as the thesis's did.",
@@ -107,7 +107,7 @@ def _flips_cluttered(figures: Figures) -> Answer:
     changing, counts = _changes(figures), obstacle_counts(figures.real_clean.rows)
     bounds = (0.0, float(counts.max()))
     return Answer(
-        apart(mean(counts[changing], bounds), mean(counts[~changing], bounds)),
+        less(mean(counts[changing], bounds), mean(counts[~changing], bounds)),
         "obstacles of the scenes whose decision changes, less of the others; one frame each",
     )
 
@@ -145,7 +145,7 @@ def _tall_steady(figures: Figures) -> Answer:
     tall = np.char.startswith(figures.real_clean.rows["target"].astype(str), _TALL)
     changing = _changes(figures)
     return Answer(
-        apart(share_of(changing, ~tall), share_of(changing, tall)),
+        less(share_of(changing, ~tall), share_of(changing, tall)),
         "scenes whose decision changes, other targets less the crisps tube; one frame each",
     )
 

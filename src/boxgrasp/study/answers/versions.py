@@ -22,7 +22,7 @@ from boxgrasp.study.answers.figures import (
     share_of,
 )
 from boxgrasp.study.evaluation import Evaluation
-from boxgrasp.study.intervals import Estimate, apart, difference, mean
+from boxgrasp.study.intervals import Estimate, difference, less, mean
 from boxgrasp.study.metrics import SCORE_FUNCTIONS, metrics_of
 
 GROUPS = ("known", "novel", "total")
@@ -54,7 +54,7 @@ def _score(version: str, group: str) -> Callable[[Figures], Answer]:
     return answer
 
 
-def less(figures: Figures, a: str, b: str, group: str = "total") -> Estimate:
+def score_gap(figures: Figures, a: str, b: str, group: str = "total") -> Estimate:
     """Score of one version less that of another on the test scenarios.
 
     Args:
@@ -72,7 +72,7 @@ def less(figures: Figures, a: str, b: str, group: str = "total") -> Estimate:
 
 
 def _less(a: str, b: str, group: str = "total") -> Callable[[Figures], Answer]:
-    return lambda figures: Answer(less(figures, a, b, group))
+    return lambda figures: Answer(score_gap(figures, a, b, group))
 
 
 def _degrades(version: str) -> Callable[[Figures], Answer]:
@@ -81,7 +81,7 @@ def _degrades(version: str) -> Callable[[Figures], Answer]:
             mean(figures.tested.metrics(version).score[group_of(figures.tested, group)])
             for group in ("known", "novel")
         )
-        return Answer(apart(known, novel), "score with known objects less that with novel ones")
+        return Answer(less(known, novel), "score with known objects less that with novel ones")
 
     return answer
 
@@ -99,7 +99,7 @@ def _apart(figures: Figures, name: str) -> Bools:
 
 def _differ_more_known(figures: Figures) -> Answer:
     differs, known = _apart(figures, "grid"), group_of(figures.tested, "known")
-    return Answer(apart(share_of(differs, known), share_of(differs, ~known)), "grid")
+    return Answer(less(share_of(differs, known), share_of(differs, ~known)), "grid")
 
 
 def _known_bigger(figures: Figures) -> Answer:
@@ -166,7 +166,7 @@ def _novel_yellow(figures: Figures) -> Answer:
         metrics = figures.tested.metrics(version)
         yellow = metrics.unobstructed & ~green(figures.tested, version) & novel
         found.append(mean(metrics.score[yellow]))
-    return Answer(apart(*found), "average score of the yellow picks, cascade less single grid")
+    return Answer(less(*found), "average score of the yellow picks, cascade less single grid")
 
 
 def _clear(group: str) -> Callable[[Figures], Answer]:
