@@ -47,7 +47,8 @@ READINGS = (
         "so that a sample is the middle of its cell wherever the target stands. The thesis's "
         "target always stood at the same place of the table, so that its samples met the "
         "lattice in one way too; ours does not. The table is no reason: its top at 0.80 m "
-        "lies in the 7 cm cell from 0.77 to 0.84 m of the world's lattice, the lowest samples at 0.85 m in the next",
+        "lies in the 7 cm cell from 0.77 to 0.84 m of the world's lattice, the lowest "
+        "samples at 0.85 m in the next",
     ),
     (
         "a miss in the map",
