@@ -110,6 +110,8 @@ def test_every_result_has_an_answer_or_says_why_not() -> None:
     assert answered == set(ANSWERS)
     for item in results:
         assert item.place and item.says, item.key
+        named = re.findall(r"`([^`]+)`", item.why_open)
+        assert set(named) <= answered, item.key
         assert bool(item.why_open) == (item.said.kind == "open"), item.key
 
 

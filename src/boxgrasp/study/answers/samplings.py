@@ -184,7 +184,7 @@ def _few_labels(figures: Figures) -> Answer:
         f"{low:,} to {high:,}",
         f"6,500 to 6.7 million examples of others against 800: {factors[0]:.1f} to "
         f"{factors[1]:,.0f} times, to the nearest power of ten. None of the others was trained "
-        f"again here, and what {figures.labels.rows.count} labels give is clear-simulation.",
+        f"again here, and what {figures.labels.rows.count} labels give is `clear-simulation`.",
     )
 
 

@@ -199,7 +199,7 @@ def _few_features(_: Figures) -> Answer:
     features = len(sampling("grid")) + 3
     return Answer(
         exact(1 - features / (480 * 360)),
-        f"{features} features in place of 172,800 values; that they suffice is clear-simulation",
+        f"{features} features in place of 172,800 values; that they suffice is `clear-simulation`",
     )
 
 
