@@ -36,6 +36,7 @@ from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.model import SHIPPED
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
+from boxgrasp.study.answers.need import only_faces
 from boxgrasp.study.catalogue import catalogue
 from boxgrasp.study.evaluation import Evaluation, model_sets_in
 from boxgrasp.study.intervals import Estimate
@@ -211,6 +212,11 @@ def test_every_result_of_the_thesis_has_a_verdict(base: Path) -> None:
             assert claim["reason"], item.key
         else:
             assert claim["ours"] is not None, item.key
+
+
+def test_scenes_cast_for_the_need_are_those_that_the_answers_count(base: Path) -> None:
+    needed, _, line = only_faces(read_set(Store(base), "sets/need/")[1])
+    assert needed.all() and (line != 1).all()
 
 
 def column(table: Any, name: str) -> np.ndarray:
