@@ -128,6 +128,8 @@ def test_base_is_whole(base: Path) -> None:
     assert report["made_with"]["boxgrasp"] == __version__
     assert report["made_with"]["seed"] == str(SEED)
     assert report["claims"] and report["sections"]
+    (causes,) = (section for section in report["sections"] if section["key"] == "causes")
+    assert [len(table["rows"]) for table in causes["tables"]] == [27, 27, 8, 8, 23]
     names = files(base)
     assert {"report.html", "report.md"} <= set(names)
     assert sum(name.endswith(".onnx") for name in names) == 8

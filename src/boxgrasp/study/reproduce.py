@@ -9,6 +9,7 @@ from pathlib import Path
 from boxgrasp.study.report import Report, Section
 from boxgrasp.study.report_pages import write
 from boxgrasp.study.sections.captures import captures_section
+from boxgrasp.study.sections.causes import causes_section
 from boxgrasp.study.sections.chapter5 import chapter5_section
 from boxgrasp.study.sections.claims import claims
 from boxgrasp.study.sections.declared import declared_section
@@ -80,6 +81,7 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         agreement_section(study),
         scores_section(study),
         readings_section(study),
+        causes_section(study),
         need_section(study),
         real_section(study),
         pooled_section(study),

@@ -40,6 +40,7 @@ class Scale:
         central: scenes without a valid candidate on a central line.
         real: scenes of the stand-in for the real world.
         ad_hoc: of them, scenes that need a line off the center.
+        causes: test scenarios that causes of the thesis's spiral scores are tried on.
         runs: how often each scene of the stand-in is seen.
         fused: frames in the map of the fused ones.
         full: the parts below too.
@@ -56,6 +57,7 @@ class Scale:
     real: int = 42
     ad_hoc: int = 10
     runs: int = 10
+    causes: int = 400
     fused: int = 10
     full: bool = False
     real_once: int = 2000
@@ -76,7 +78,7 @@ class Scale:
 
 SMALL = Scale(
     labels=80, tested=96, first=24, need=12, central=8, real=4, ad_hoc=2, runs=3, fused=2,
-    real_once=20, most_labels=160, curve_tested=48,
+    causes=48, real_once=20, most_labels=160, curve_tested=48,
 )  # fmt: skip
 
 
