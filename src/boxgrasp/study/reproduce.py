@@ -8,6 +8,7 @@ from pathlib import Path
 
 from boxgrasp.study.report import Report, Section
 from boxgrasp.study.report_pages import write
+from boxgrasp.study.sections.appendix_a import appendix_section
 from boxgrasp.study.sections.captures import captures_section
 from boxgrasp.study.sections.chapter5 import chapter5_section
 from boxgrasp.study.sections.claims import claims
@@ -76,6 +77,7 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         readings_section(study),
         need_section(study),
         real_section(study),
+        appendix_section(study),
         pooled_section(study),
         chapter5_section(study),
         rankers_section(study),
