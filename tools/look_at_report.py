@@ -5,9 +5,9 @@ page that scrolls sideways, a picture wider than the screen, broken, or shrunk u
 cannot be read) and exits with 1 where something is. With SHOTS, a folder, it writes there a
 screenshot of every section at both widths, and the PDF, to be looked at.
 
-A shrunk picture that is a link may be opened larger, and one in a box that scrolls is as large as it
-is: neither is told of. Needs Playwright (`pip install playwright`) and a Chromium (`apt install chromium`, or
-`playwright install chromium`); neither is part of the project's own environment.
+A shrunk picture that is a link may be opened larger, and one in a box that scrolls is as large as
+it is: neither is told of. Needs Playwright (`pip install playwright`) and a Chromium (`apt install
+chromium`, or `playwright install chromium`); neither is part of the project's own environment.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ MEASURE = """
   for (const e of document.images) {
     const box = e.getBoundingClientRect();
     if (!e.complete || e.naturalWidth === 0) found.push(`${named(e)} is broken`);
-    else if (e.src.startsWith('data:image/svg') && box.width < LEAST * e.naturalWidth && !e.closest('a[href]'))
+    else if (!e.src.startsWith('data:image/svg') || e.closest('a[href]')) continue;
+    else if (box.width < LEAST * e.naturalWidth)
       found.push(`${named(e)} is shrunk to ${Math.round(100 * box.width / e.naturalWidth)} %`);
   }
   return found;

@@ -17,8 +17,9 @@ from boxgrasp.study.plots.sheet import hexed, sheet, svg
 
 _WIDTH_IN = 4.2  # as wide as a phone's screen shows without making letters smaller
 _MOST_MARKS = 60_000  # a panel: more cannot be told apart
+_MARGIN_M = 0.01
 _AZIMUTH, _ELEVATION = np.deg2rad(20.0), np.deg2rad(38.0)  # of who looks, from the robot's left
-# Of each corner of a box the three that an edge leads to.
+# Corners whose numbers differ by one bit; see `_moved_corners`.
 _EDGES: Final = [
     (a, b) for a, b in itertools.combinations(range(8), 2) if (a ^ b) in (1, 2, 4)
 ]  # fmt: skip
@@ -66,12 +67,11 @@ class BoxPanel:
     half_m: Floats
 
 
-def clouds(panels: Sequence[Panel], reach: Sequence[tuple[float, float]]) -> str:
+def clouds(panels: Sequence[Panel]) -> str:
     """Clouds one below the other, seen from over the robot's left shoulder, to one scale.
 
     Args:
         panels: from the top.
-        reach: least and most x, y and z that are shown, base frame, m.
 
     Returns:
         SVG.
@@ -79,20 +79,17 @@ def clouds(panels: Sequence[Panel], reach: Sequence[tuple[float, float]]) -> str
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    corners = _aslant(np.array(list(itertools.product(*reach))))[0]
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    flats = [_aslant(panel.points) for panel in panels]
+    every = np.concatenate([flat for flat, _ in flats])
+    low, high = every.min(axis=0) - _MARGIN_M, every.max(axis=0) + _MARGIN_M
     tall_in = (_WIDTH_IN - 0.2) * (high[1] - low[1]) / (high[0] - low[0]) + 0.3
-    limits = np.array(reach)
     with sheet(_WIDTH_IN, tall_in * len(panels)) as figure:
-        for k, panel in enumerate(panels):
+        for k, (panel, (flat, depth)) in enumerate(zip(panels, flats, strict=True)):
             axes = figure.add_subplot(len(panels), 1, k + 1)
-            shown = ((panel.points >= limits[:, 0]) & (panel.points <= limits[:, 1])).all(axis=1)
-            points, colors = panel.points[shown], panel.colors[shown]
-            every = -(-len(points) // _MOST_MARKS)
-            flat, depth = _aslant(points[::every])
-            order = np.argsort(-depth, kind="stable")
+            # The farthest first, so that what is before it hides it.
+            order = np.argsort(-depth, kind="stable")[:: -(-len(flat) // _MOST_MARKS)]
             axes.scatter(
-                *flat[order].T, c=colors[::every][order] / 255, s=panel.size, marker="s",
+                *flat[order].T, c=panel.colors[order] / 255, s=panel.size, marker="s",
                 linewidths=0, rasterized=True, gid=f"cloud-{k}",
             )  # fmt: skip
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -100,7 +97,7 @@ def clouds(panels: Sequence[Panel], reach: Sequence[tuple[float, float]]) -> str
             axes.set_yticks(())
             axes.spines[:].set_visible(False)
             axes.set_title(panel.title, wrap=True)
-        return svg(figure, dpi=200)
+        return svg(figure)
 
 
 def _aslant(points: Array) -> tuple[Floats, Floats]:
@@ -126,7 +123,11 @@ def boxes(panels: Sequence[BoxPanel], from_above: bool) -> str:
         MissingExtraError: matplotlib is not installed.
     """
     axes_of = (1, 0) if from_above else (0, 2)
-    held = [p for panel in panels for p in (_corners(panel.exact), _hand_corners(panel))]
+    held = [
+        p
+        for panel in panels
+        for p in (_corners(panel.exact), _corners(panel.box), _hand_corners(panel))
+    ]
     every = np.concatenate(held)[:, axes_of]
     low, high = every.min(axis=0) - 0.03, every.max(axis=0) + 0.03
     tall_in = (_WIDTH_IN - 0.8) * (high[1] - low[1]) / (high[0] - low[0]) + 0.85
@@ -140,8 +141,10 @@ def boxes(panels: Sequence[BoxPanel], from_above: bool) -> str:
             axes.set_title(panel.title, wrap=True)
             axes.set_ylabel("xyz"[axes_of[1]] + ", m")
         axes.set_xlabel("xyz"[axes_of[0]] + ", m")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        return svg(figure, dpi=200)
+        figure.legend(
+            *axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4
+        )
+        return svg(figure)
 
 
 def _draw(axes: Any, panel: BoxPanel, axes_of: tuple[int, int]) -> None:

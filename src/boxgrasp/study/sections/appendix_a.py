@@ -26,8 +26,9 @@ from boxgrasp.study.appendix_rows import (
 )
 from boxgrasp.study.evaluation import Evaluation, first_choice, model_order
 from boxgrasp.study.intervals import Estimate, difference, mean
+from boxgrasp.study.metrics import ASK
 from boxgrasp.study.plots.stages import BoxPanel, Panel, boxes, clouds
-from boxgrasp.study.report import Picture, Row, Section, Table
+from boxgrasp.study.report import Cell, Picture, Row, Section, Table
 from boxgrasp.study.sections.need import CASCADE
 from boxgrasp.study.sections.real import WRONG_BOX_M
 from boxgrasp.study.study import Study
@@ -37,6 +38,7 @@ from boxgrasp.teaching.sets import Rows
 SETS: Final = {"tested": "simulation tests", "real": "stand-in for real, strong noise"}
 FATES: Final = ("whole", "too short", "merged", "otherwise wrong", "lost")
 FOREIGN_SHARE: Final = 0.05  # of a cluster's points, other things', from which it is a merged one
+ROUND_TABLE_M: Final = 0.3  # that figure A-1 shows; the floor behind lies farther off
 _PART_VIEWS = 30  # a task: some ten seconds
 _WORDS = (
     "The package finds objects in a way of its own; this is appendix A's, in its order: the "
@@ -94,7 +96,7 @@ class _Views:
         short, moved = (
             np.abs(self.rows[f"appendix_{n}"][:, stage]) for n in ("short_m", "moved_m")
         )
-        return ~(np.maximum(short, moved).max(axis=1) <= WRONG_BOX_M)
+        return np.asarray(~(np.maximum(short, moved).max(axis=1) <= WRONG_BOX_M))  # NaN is wrong
 
     def short(self, stage: int = -1) -> Bools:
         """(V,) whether a side of the box is too short by over 1.5 cm.
@@ -124,17 +126,16 @@ def appendix_section(study: Study) -> Section:
     """
     views = {name: _views(study, name) for name in SETS}
     params = AppendixParams()
-    found = figure_5_6_scenes(views["real"])
     return Section(
         key="appendix-a",
         title="Segmentation as in appendix A",
         place="appendix A, figures A-1 to A-3; section 5-2-4, figure 5-6",
         words=(*_WORDS, _OURS.format(**vars(params)), _fate_words()),
-        rows=(*_fate_rows(views), *_decision_rows(views, found)),
-        tables=(_points_table(views), _short_table(views), _changes_table(views["real"], found)),
+        rows=(*_fate_rows(views), *_decision_rows(views["real"])),
+        tables=(_points_table(views), _short_table(views), _misled_table(views["real"])),
         pictures=(
             *_stage_pictures(study, views["real"]),
-            *_figure_5_6(study, views["real"], found),
+            *_figure_5_6(study, views["real"]),
         ),
     )
 
@@ -194,48 +195,92 @@ def _fate_rows(views: Mapping[str, _Views]) -> list[Row]:
     return rows
 
 
-def _decision_rows(views: Mapping[str, _Views], found: list[int]) -> list[Row]:
-    own = views["real"]
+def _decision_rows(own: _Views) -> list[Row]:
     evaluation, runs = own.evaluation, own.runs
-    picks = {s: evaluation.picks(CASCADE, s).reshape(-1, runs) for s in ("given", "appendix")}
-    changes = {s: int((p != p[:, :1]).any(axis=1).sum()) for s, p in picks.items()}
     score, usual = (
         evaluation.metrics(CASCADE, s).score.reshape(-1, runs) for s in ("appendix", "given")
     )
-    of = len(score)
-    misled = own.short() & (_exact_picks(own) != evaluation.picks(CASCADE, "appendix"))
     scores = _scene_means(score), _scene_means(usual)
+    misled = misled_views(own)
+    scenes, of = misled.reshape(-1, runs).any(axis=1), len(score)
     return [
+        Row("scenes whose decision changes, appendix A", "2 of 42", _changing(own, "appendix")),
+        Row("the same, in the true box", None, _changing(own, "exact")),
+        Row("the same, points given", None, _changing(own, "given")),
         Row(
-            "scenes whose decision changes, appendix A", "2 of 42", f"{changes['appendix']} of {of}"
+            "scenes whose decision changes as the box is too short in some runs (figure 5-6)",
+            "1 of 42",
+            f"{len(changed_by_the_box(own))} of {of}",
         ),
-        Row("the same scenes, points given", None, f"{changes['given']} of {of}"),
-        Row("of them by a box too short (figure 5-6)", "1 of 42", f"{len(found)} of {of}"),
         Row(
-            "views decided otherwise than in the true box, the box too short",
+            "scenes decided otherwise than in the true box, the box too short",
             None,
-            own.by_scene(misled),
+            f"{int(scenes.sum())} of {of}",
+            "in any run",
         ),
+        Row("views decided so", None, own.by_scene(misled)),
         Row("score of cascade grid, appendix A", 0.86, mean(scores[0])),
         Row("score, appendix A less points given, same scenes", None, difference(*scores)),
     ]
+
+
+def _changing(views: _Views, source: str) -> str:
+    """How many scenes get more than one decision over their runs."""
+    picks = _picks(views, source).reshape(-1, views.runs)
+    return f"{int((picks != picks[:, :1]).any(axis=1).sum())} of {len(picks)}"
 
 
 def _scene_means(score: Floats) -> Floats:
     """(S,) over the runs that were answered; NaN where none was."""
     count = (~np.isnan(score)).sum(axis=1)
     total = np.nansum(score, axis=1)
-    return np.divide(total, count, out=np.full(len(score), np.nan), where=count > 0)
+    means: Floats = np.divide(total, count, out=np.full(len(score), np.nan), where=count > 0)
+    return means
 
 
-def _exact_picks(views: _Views) -> Array:
-    """(V,) what cascade grid picks in the true box, in the same map."""
-    model_set = views.evaluation.model_sets[CASCADE]
-    return first_choice(model_order(model_set, views.rows, "exact"))
+def _picks(views: _Views, source: str) -> Array:
+    """(V,) what cascade grid picks in a source's box, in the same map."""
+    if source != "exact":
+        return views.evaluation.picks(CASCADE, source)
+    # No set has this source, so no evaluation knows which of its rows are answered: all are.
+    return first_choice(model_order(views.evaluation.model_sets[CASCADE], views.rows, source))
+
+
+def misled_views(views: _Views) -> Bools:
+    """Where the box is too short and the decision another than in the true box, in the same map.
+
+    Args:
+        views: of a set.
+
+    Returns:
+        (V,) bool.
+    """
+    picks = _picks(views, "appendix")
+    return np.asarray(views.short() & (picks != ASK) & (picks != _picks(views, "exact")))
+
+
+def changed_by_the_box(views: _Views) -> list[int]:
+    """Scenes like figure 5-6's: misled in a run, and decided otherwise where the box is not short.
+
+    Args:
+        views: of scenes that are seen several times.
+
+    Returns:
+        Numbers of the scenes.
+    """
+    picks = _picks(views, "appendix").reshape(-1, views.runs)
+    short = views.short().reshape(-1, views.runs)
+    misled = misled_views(views).reshape(-1, views.runs)
+    return [
+        k
+        for k in range(len(picks))
+        if not short[k].all()
+        and (misled[k] & (picks[k] != Counter(picks[k][~short[k]]).most_common(1)[0][0])).any()
+    ]
 
 
 def _points_table(views: Mapping[str, _Views]) -> Table:
-    lines = []
+    lines: list[tuple[Cell, ...]] = []
     for k, stage in enumerate(COUNTED):
         counts = [own.rows["appendix_points"][:, k] for own in views.values()]
         medians = [int(np.median(c[c != NOT_COUNTED])) for c in counts]
@@ -249,62 +294,51 @@ def _points_table(views: Mapping[str, _Views]) -> Table:
 
 def _short_table(views: Mapping[str, _Views]) -> Table:
     """By the first stage after which the target's own points make too short a box."""
-    names = ("not seen in the view", "", "taken for the table", "trimmed", "in another cluster")
+    names = (
+        "not seen in the view",
+        "beyond 1.6 m, or by the voxels",
+        "taken for the table",
+        "trimmed",
+        "in another cluster",
+    )
     lines = []
     for own in views.values():
         short = np.array([own.short(k) for k in range(len(LEFT_AFTER))])
         first = Counter(short[:, short[-1]].argmax(axis=0).tolist())
         lines.append([first[k] for k in range(len(LEFT_AFTER))])
-    names = (names[0], "beyond 1.6 m or by the voxels", *names[2:])
-    counts = zip(names, *lines, strict=True)
-    every = ("any", *(sum(line) for line in lines))
+    counts: list[tuple[Cell, ...]] = list(zip(names, *lines, strict=True))
+    counts.append(("any", *(sum(line) for line in lines)))
     return Table(
         "Views whose box is too short, by the stage that made it so",
         ("why", *SETS.values()),
-        (*counts, every),
+        tuple(counts),
     )
 
 
-def figure_5_6_scenes(views: _Views) -> list[int]:
-    """Scenes where the decision changes because the box is too short, as in figure 5-6.
-
-    In some run the box is too short and the decision is another than the commonest one of the runs
-    whose box is not; in the true box, in the same map, it is that one.
-
-    Args:
-        views: of scenes that are seen several times.
-
-    Returns:
-        Numbers of the scenes.
-    """
-    return [k for k in range(views.rows.count // views.runs) if len(_misled_runs(views, k))]
-
-
-def _misled_runs(views: _Views, scene: int) -> Array:
-    """Rows of a scene that are as in figure 5-6."""
-    which = np.arange(scene * views.runs, (scene + 1) * views.runs)
-    picks = views.evaluation.picks(CASCADE, "appendix")[which]
-    short = views.short()[which]
-    if short.all():
-        return which[:0]
-    usual = Counter(picks[~short].tolist()).most_common(1)[0][0]
-    misled = short & (picks != usual) & (_exact_picks(views)[which] == usual)
-    return which[misled]
-
-
-def _changes_table(views: _Views, found: list[int]) -> Table:
-    picks = views.evaluation.picks(CASCADE, "appendix").reshape(-1, views.runs)
+def _misled_table(views: _Views) -> Table:
+    misled = misled_views(views).reshape(-1, views.runs)
+    own, exact = (_picks(views, s).reshape(misled.shape) for s in ("appendix", "exact"))
     lines = []
-    for scene in found:
-        said = Counter(_named(pick) for pick in picks[scene].tolist())
-        words = "; ".join(f"{name} ({count})" for name, count in said.most_common())
-        k = int(_misled_runs(views, scene)[0])
+    for scene in np.flatnonzero(misled.any(axis=1)).tolist():
+        k = scene * views.runs + int(misled[scene].argmax())
         short_m = views.rows["appendix_short_m"][k, -1]
-        side = "xyz"[int(short_m.argmax())]
-        too_short = f"{100 * short_m.max():.1f} cm along {side}"
-        lines.append((scene, str(views.rows["target"][k]), words, too_short))
-    columns = ("scene", "target", "decisions in all runs", "too short by")
-    return Table("Decisions that change because the box is too short", columns, tuple(lines))
+        lines.append(
+            (
+                scene,
+                str(views.rows["target"][k]),
+                int(misled[scene].sum()),
+                _said(own[scene]),
+                _said(exact[scene]),
+                f"{100 * short_m.max():.1f} cm along {'xyz'[int(short_m.argmax())]}",
+            )
+        )
+    columns = ("scene", "target", "runs misled", "decisions", "in the true box", "too short by")
+    return Table("Decisions that a box too short misled", columns, tuple(lines))
+
+
+def _said(picks: Array) -> str:
+    counts = Counter(_named(pick) for pick in picks.tolist())
+    return "; ".join(f"{name} ({count})" for name, count in counts.most_common())
 
 
 def _named(pick: int) -> str:
@@ -325,92 +359,82 @@ def _stage_pictures(study: Study, views: _Views) -> tuple[Picture, ...]:
     colors = rgb[first[-len(stages.points) :]]
     points = transform(view.T_base_camera, stages.points)
     every = transform(view.T_base_camera, view.points)
-    lit = np.where(view.cluster[:, None], np.uint8(HELD), colors)
-    table, things = points[stages.on_plane], points[stages.clusters >= 0]
-    wide = [(float(table[:, k].min()) - 0.05, float(table[:, k].max()) + 0.05) for k in (0, 1)]
-    near = [(float(things[:, k].min()) - 0.03, float(things[:, k].max()) + 0.03) for k in range(3)]
-    high = (near[2][0] - 0.25, near[2][1])
+    lit = np.where(view.cluster[:, None], np.array(HELD, np.uint8), colors)
+    table = points[stages.on_plane, :2]
+    low, high = table.min(axis=0) - ROUND_TABLE_M, table.max(axis=0) + ROUND_TABLE_M
+    near = ((every[:, :2] >= low) & (every[:, :2] <= high)).all(axis=1)
     rest = stages.kept
     target, words = scenario.target, f"scene {scene} of the stand-in, first view"
     return (
         Picture(
             "figure-a-1",
-            f"Pass-through and downsampling (A-1): {len(every):,} points become {len(points):,}; "
-            f"{words}.",
+            f"Pass-through and downsampling (A-1): of {len(every):,} points, the far floor's among "
+            f"them (not drawn), {int((stages.voxel_of >= 0).sum()):,} lie in range and become "
+            f"{len(points):,}; {words}.",
             svg=clouds(
-                (Panel("all points", every, rgb), Panel("filtered", points, colors)),
-                (*wide, high),
+                (Panel("all points", every[near], rgb[near]), Panel("filtered", points, colors))
             ),
             alt="A table with things on it as a cloud of points, before and after filtering",
         ),
         Picture(
             "figure-a-2",
             f"The rest without the table and without outliers (A-2): {int(rest.sum()):,} points.",
-            svg=clouds((Panel("nontable, trimmed", points[rest], colors[rest], 4.0),), near),
+            svg=clouds((Panel("nontable, trimmed", points[rest], colors[rest], 4.0),)),
             alt="The things alone",
         ),
         Picture(
             "figure-a-3",
             f"The target's cluster ({target}) selected, in light blue (A-3).",
-            svg=clouds((Panel("cluster selected", points[rest], lit[rest], 4.0),), near),
+            svg=clouds((Panel("cluster selected", points[rest], lit[rest], 4.0),)),
             alt="The things alone, one of them in light blue",
         ),
     )
 
 
-def _figure_5_6(study: Study, views: _Views, found: list[int]) -> tuple[Picture, ...]:
-    """The scene whose misled box is shortest of all, usual and misled run below each other."""
-    if not found:
+def _figure_5_6(study: Study, views: _Views) -> tuple[Picture, ...]:
+    """The misled view whose box is shortest of all: in its own box, and in the true one."""
+    misled = misled_views(views)
+    if not misled.any():
         return ()
-    misled = [int(k) for scene in found for k in _misled_runs(views, scene)]
     short_m = views.rows["appendix_short_m"][:, -1].max(axis=1)
-    odd = max(misled, key=lambda k: float(short_m[k]))
-    scene = odd // views.runs
-    which = np.arange(scene * views.runs, (scene + 1) * views.runs)
-    picks = views.evaluation.picks(CASCADE, "appendix")
-    usual = Counter(picks[which][~views.short()[which]].tolist()).most_common(1)[0][0]
-    fair = int(which[(picks[which] == usual) & ~views.short()[which]][0])
-    counts = Counter(picks[which].tolist())
-    panels = [
-        _box_panel(
-            study, views, k, f"{_named(int(picks[k]))} ({counts[int(picks[k])]} of {views.runs})"
-        )
-        for k in (fair, odd)
-    ]
-    from_above = int(views.rows["appendix_short_m"][odd, -1].argmax()) < 2
+    k = int(np.where(misled, short_m, -np.inf).argmax())
+    scene, run = divmod(k, views.runs)
+    from_above = int(views.rows["appendix_short_m"][k, -1].argmax()) < 2
+    count, of = int(misled.reshape(-1, views.runs).any(axis=1).sum()), len(misled) // views.runs
     return (
         Picture(
             "figure-5-6",
-            "A decision of cascade grid that changes because the box is too short (5-6), seen from "
-            f"{'above' if from_above else 'the side'}: scene {scene} of the stand-in, the one of "
-            f"{len(found)} whose box is shortest. Such a scene has a run whose box lacks over "
-            f"{100 * WRONG_BOX_M:.1f} cm and whose decision is not the usual one of the other "
-            "runs, but is in the true box.",
-            svg=boxes(panels, from_above),
-            alt="The target's points, its box and the hand, in a usual run and in a misled one",
+            "A decision of cascade grid that a box too short misled (5-6), seen from "
+            f"{'above' if from_above else 'the side'}: scene {scene} of the stand-in, run {run}. "
+            f"Such a scene has a run whose box lacks over {100 * WRONG_BOX_M:.1f} cm along a side "
+            "and whose decision is another than in the true box with the same map; of the "
+            f"{count} of {of} that are so, this box is the shortest.",
+            svg=boxes([_box_panel(study, views, k, s) for s in ("appendix", "exact")], from_above),
+            alt="The target's points and the hand, in the cluster's box and in the true one",
         ),
     )
 
 
-def _box_panel(study: Study, views: _Views, k: int, title: str) -> BoxPanel:
+def _box_panel(study: Study, views: _Views, k: int, source: str) -> BoxPanel:
     config = study.sets()["real"].rows
     scenario = scenario_of_row(config, k // views.runs)
     view = segmented_view(scenario, config.recipe.noise, k % views.runs)
-    points, own = (
-        transform(view.T_base_camera, view.stages.points),
-        view.ids == scenario.scene.target_id,
+    points = transform(view.T_base_camera, view.stages.points)
+    things = ~view.stages.on_plane
+    own = things & (view.ids == scenario.scene.target_id)
+    box, exact = (
+        box_of(views.rows[f"{s}_box"][k], views.rows[f"{s}_dimensions_m"][k])
+        for s in (source, "exact")
     )
-    rows, hand = views.rows, Gripper()
-    box = box_of(rows["appendix_box"][k], rows["appendix_dimensions_m"][k])
-    pick = int(views.evaluation.picks(CASCADE, "appendix")[k])
-    others = ~view.stages.on_plane & np.isin(view.ids, scenario.scene.obstacle_ids)
+    pick, hand = int(_picks(views, source)[k]), Gripper()
+    place = "in the true box" if source == "exact" else "in the cluster's box"
     return BoxPanel(
-        title=title,
+        title=f"{place}: {_named(pick)}",
         cluster=points[view.cluster],
-        dropped=points[own & ~view.cluster & ~view.stages.on_plane],
-        others=points[others],
+        dropped=points[own & ~view.cluster],
+        others=points[things & np.isin(view.ids, scenario.scene.obstacle_ids)],
         box=box,
-        exact=box_of(rows["exact_box"][k], rows["exact_dimensions_m"][k]),
+        exact=exact,
         T_base_hand=candidates_of(box, hand, config.lines).T_base_gripper[pick],
         half_m=hand.half_m,
     )
