@@ -45,7 +45,7 @@ _WORDS = (
     "pass-through by distance on the points, centroids of voxels, the plane that holds most, "
     "outliers of table and rest trimmed, clusters, and the one chosen that has most of the "
     "target's points. The map is made of all points of the view, as the thesis's was, so the box "
-    "alone differs from the other sections'.",
+    "alone differs from the other sections'. Each decision rests on one frame.",
 )
 _OURS = (
     "Ours, as the thesis does not print them: the plane's tolerance of {plane_m} m and its "
@@ -131,8 +131,13 @@ def appendix_section(study: Study) -> Section:
         title="Segmentation as in appendix A",
         place="appendix A, figures A-1 to A-3; section 5-2-4, figure 5-6",
         words=(*_WORDS, _OURS.format(**vars(params)), _fate_words()),
-        rows=(*_fate_rows(views), *_decision_rows(views["real"])),
-        tables=(_points_table(views), _short_table(views), _misled_table(views["real"])),
+        rows=_decision_rows(views["real"]),
+        tables=(
+            _fate_table(views),
+            _points_table(views),
+            _short_table(views),
+            _misled_table(views["real"]),
+        ),
         pictures=(
             *_stage_pictures(study, views["real"]),
             *_figure_5_6(study, views["real"]),
@@ -181,21 +186,19 @@ def fates(views: _Views) -> Array:
     return np.select(kinds, numbers, FATES.index("otherwise wrong"))
 
 
-def _fate_rows(views: Mapping[str, _Views]) -> list[Row]:
-    rows = []
-    for name, words in SETS.items():
-        own = views[name]
-        found = fates(own)
-        rows += [
-            Row(f"target {fate}, {words}", None, own.by_scene(found == k))
-            for k, fate in enumerate(FATES)
-        ]
-        given = own.by_scene(~own.wrong(0))
-        rows.append(Row(f"box of all the target's seen points whole, {words}", None, given))
-    return rows
+def _fate_table(views: Mapping[str, _Views]) -> Table:
+    found = [(own, fates(own)) for own in views.values()]
+    lines: list[tuple[Cell, ...]] = [
+        (fate, *(own.by_scene(fate_of == k) for own, fate_of in found))
+        for k, fate in enumerate(FATES)
+    ]
+    lines.append(
+        ("whole by all its points in the view", *(own.by_scene(~own.wrong(0)) for own, _ in found))
+    )
+    return Table("What becomes of the target", ("target", *SETS.values()), tuple(lines))
 
 
-def _decision_rows(own: _Views) -> list[Row]:
+def _decision_rows(own: _Views) -> tuple[Row, ...]:
     evaluation, runs = own.evaluation, own.runs
     score, usual = (
         evaluation.metrics(CASCADE, s).score.reshape(-1, runs) for s in ("appendix", "given")
@@ -203,10 +206,14 @@ def _decision_rows(own: _Views) -> list[Row]:
     scores = _scene_means(score), _scene_means(usual)
     misled = misled_views(own)
     scenes, of = misled.reshape(-1, runs).any(axis=1), len(score)
-    return [
+    return (
         Row("scenes whose decision changes, appendix A", "2 of 42", _changing(own, "appendix")),
-        Row("the same, in the true box", None, _changing(own, "exact")),
-        Row("the same, points given", None, _changing(own, "given")),
+        Row(
+            "scenes whose decision changes, the true box in the same maps",
+            None,
+            _changing(own, "exact"),
+        ),
+        Row("scenes whose decision changes, points given", None, _changing(own, "given")),
         Row(
             "scenes whose decision changes as the box is too short in some runs (figure 5-6)",
             "1 of 42",
@@ -218,10 +225,14 @@ def _decision_rows(own: _Views) -> list[Row]:
             f"{int(scenes.sum())} of {of}",
             "in any run",
         ),
-        Row("views decided so", None, own.by_scene(misled)),
+        Row(
+            "views decided otherwise than in the true box, the box too short",
+            None,
+            own.by_scene(misled),
+        ),
         Row("score of cascade grid, appendix A", 0.86, mean(scores[0])),
         Row("score, appendix A less points given, same scenes", None, difference(*scores)),
-    ]
+    )
 
 
 def _changing(views: _Views, source: str) -> str:
