@@ -79,6 +79,7 @@ def looked_at(page: Any, report: Path, shots: Path | None) -> list[str]:
         page.set_viewport_size({"width": width, "height": HEIGHT_PX})
         found += [f"at {width} px {what}" for what in page.evaluate(MEASURE)]
         if shots is not None:
+            page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
             page.screenshot(path=shots / f"{width}-top.png")
             for section in page.locator("section").all():
                 name = section.get_attribute("id") or "section"
