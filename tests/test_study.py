@@ -114,8 +114,8 @@ def test_base_is_whole(base: Path) -> None:
     names = files(base)
     assert {"report.html", "report.md"} <= set(names)
     assert sum(name.endswith(".onnx") for name in names) == 8
-    assert len(list((base / "sets" / "labels").glob("part-*"))) == 5
-    for name, count in (("labels", 40), ("tested", 12), ("real", 4)):
+    assert len(list((base / "sets" / "labels").glob("part-*"))) == 8
+    for name, count in (("labels", 64), ("tested", 12), ("real", 4)):
         assert read_set(Store(base), f"sets/{name}/")[1].count == count
 
 
@@ -185,9 +185,9 @@ def test_other_settings_at_the_same_place(base: Path, capsys) -> None:
     assert main(["reproduce", str(base), "--small", "--seed", "2"]) == 2
     assert "rows.seed is 1001 there, 2001 now" in one_line(capsys)
     assert main(["reproduce", str(base), "--seed", str(SEED)]) == 2
-    assert "count is 40 there, 800 now" in one_line(capsys)
+    assert "count is 64 there, 800 now" in one_line(capsys)
     labels = str(base / "sets" / "labels")
-    assert main(["simulate", labels, "--count", "40", "--seed", "1001", "--noise", "none"]) == 2
+    assert main(["simulate", labels, "--count", "64", "--seed", "1001", "--noise", "xtion"]) == 2
     assert "noise is xtion there, none now" in one_line(capsys)
     assert before == {name: path.stat().st_mtime_ns for name, path in files(base).items()}
 
@@ -292,7 +292,7 @@ def test_simulate_to_a_url_and_again(tmp_path: Path, capsys) -> None:
     assert (config.rows.seed, rows.count) == (5, 3)
     for number in range(3):
         kept = load_capture(folder / f"capture-{number:06d}.npz")
-        fresh, _ = scenario_of_row(config.rows, number).capture("xtion")
+        fresh, _ = scenario_of_row(config.rows, number).capture(config.rows.recipe.noise)
         assert np.array_equal(kept.depth, fresh.depth)
         assert np.array_equal(kept.T_base_camera, fresh.T_base_camera)
 

@@ -101,7 +101,7 @@ class _SeenTable:
         count = np.bincount(
             (at[:, 0] - lowest[0]) * shape[1] + at[:, 1] - lowest[1], minlength=int(shape.prod())
         )
-        middles = (np.moveaxis(np.indices(shape), 0, -1) + lowest + 0.5) * _CELL_M
+        middles = (np.moveaxis(np.indices(tuple(shape.tolist())), 0, -1) + lowest + 0.5) * _CELL_M
         away = np.sqrt(((middles - camera_m[:2]) ** 2).sum(axis=-1) + camera_m[2] ** 2)
         full = (intrinsics[0, 0] * _CELL_M) ** 2 * abs(camera_m[2]) / away**3 / step
         part, parts = regions(count.reshape(shape) >= np.maximum(_FULL_SHARE * full, 1), False)
