@@ -46,6 +46,7 @@ EVERY = {
     "rankers": lambda: plots.ranker_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING]),
     "curves": lambda: plots.curves((1, 10), {NAMES[1]: [share(1, 9)] * 2}, "n", "s", log_x=True),
     "golden": plots.golden_spiral,
+    "layers": lambda: plots.spiral_layers(sampling.spiral()),
     "spiral": lambda: plots.samples_3d(sampling.spiral()),
     "dense": lambda: plots.samples_3d(sampling.dense()),
     "clouds": lambda: clouds([Panel("a <b>", CLOUD, GRAY), Panel("c", CLOUD[:9], GRAY[:9])]),
@@ -183,6 +184,18 @@ def test_views_show_every_sample_and_the_portions_apart(face, count):
     assert {marks(group) for group in groups(svg, "rest-").values()} == {184}
     whole = groups(plots.samples_3d(points), "from-")
     assert {marks(group) for group in whole.values()} == {184} and len(whole) == 3
+
+
+def test_a_section_shows_each_layer_s_samples_near_the_plane():
+    points = sampling.spiral()
+    svg = plots.spiral_layers(points, 0.02)
+    assert marks(groups(svg, "layer-4")["layer-4"]) == 98
+    near = points[np.abs(points[:, 0]) <= 0.02]
+    radii = np.linalg.norm(near, axis=1)
+    counts = [int((np.abs(radii - r) < 1e-6).sum()) for r in (0.075, 0.15, 0.225, 0.3)]
+    found = groups(svg, "section-")
+    assert [marks(found[f"section-{k}"]) for k in (1, 2, 3, 4)] == counts
+    assert sum(counts) == len(near) > 10
 
 
 def test_samples_behind_one_another_are_drawn_once():

@@ -267,9 +267,36 @@ def test_contents_lead_to_every_section():
     tags = Tags(page(sample()))
     ids = {attrs.get("id") for _, attrs in tags.tags}
     links = [attrs["href"] for attrs in tags.of("a")]
-    assert links == ["#claims", "#section-results", "#section-empty", "#made-with"]
+    contents = [link for link in links if "-one" not in link and "-two" not in link]
+    assert contents == ["#claims", "#section-results", "#section-empty", "#made-with"]
     assert {link[1:] for link in links} <= ids
     assert "not a human" in page(sample()) and "not a human" in markdown(sample())
+
+
+def test_a_picture_opens_and_closes_by_links_and_is_held_once():
+    text = page(sample())
+    tags = Tags(text)
+    links = [(attrs.get("class"), attrs["href"]) for attrs in tags.of("a")]
+    for name in ("one", "two"):
+        opens, closes = f"#full-{name}", f"#picture-{name}"
+        assert links.count(("open", opens)) == links.count(("enlarge", opens)) == 1
+        assert links.count(("close", closes)) == 1
+    sources = [attrs["src"] for attrs in tags.of("img")]
+    assert len(sources) == 2 and all(text.count(source) == 1 for source in sources)
+    style = re.findall(r"<style>(.*?)</style>", text, re.S)[0]
+    for rule in (".full:target {", ".full:target img {", ".close {", ".full:target .close {"):
+        assert rule in style
+
+
+def test_a_wide_table_says_that_it_scrolls_and_a_narrow_one_does_not():
+    def said(columns):
+        table = Table("t", tuple(map(str, range(columns))), (tuple(range(columns)),))
+        tags = Tags(page(Report("t", sections=(Section("s", "s", tables=(table,)),))))
+        return [attrs["class"] for attrs in tags.of("p") if "scrolls" in attrs.get("class", "")]
+
+    assert [said(n) for n in (2, 3, 4, 9, 10)] == [
+        [], [], ["scrolls"], ["scrolls"], ["scrolls many"],
+    ]  # fmt: skip
 
 
 def test_what_cannot_be_a_report_is_refused():

@@ -12,6 +12,9 @@ from boxgrasp.study.sections.appendix_a import appendix_section
 from boxgrasp.study.sections.captures import captures_section
 from boxgrasp.study.sections.chapter5 import chapter5_section
 from boxgrasp.study.sections.claims import claims
+from boxgrasp.study.sections.figures_discussion import discussion_section
+from boxgrasp.study.sections.figures_method import method_section
+from boxgrasp.study.sections.figures_results import decisions_section
 from boxgrasp.study.sections.full import (
     curves_section,
     lines_section,
@@ -81,6 +84,9 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         pooled_section(study),
         chapter5_section(study),
         rankers_section(study),
+        method_section(study),
+        decisions_section(study),
+        discussion_section(study),
     ]
     if captures is not None:
         sections.append(captures_section(study, captures))
