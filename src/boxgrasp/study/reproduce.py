@@ -8,6 +8,7 @@ from pathlib import Path
 
 from boxgrasp.study.report import Report, Section
 from boxgrasp.study.report_pages import write
+from boxgrasp.study.sections.appendix_a import appendix_section
 from boxgrasp.study.sections.captures import captures_section
 from boxgrasp.study.sections.causes import causes_section
 from boxgrasp.study.sections.chapter5 import chapter5_section
@@ -84,6 +85,7 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         causes_section(study),
         need_section(study),
         real_section(study),
+        appendix_section(study),
         pooled_section(study),
         chapter5_section(study),
         rankers_section(study),
