@@ -153,8 +153,20 @@ def lost_candidates(evaluation: Evaluation) -> Estimate:
     Returns:
         Average share, a scene, of its feasible candidates whose hand meets an occupied 7 cm cell.
     """
+    return mean(lost_shares(evaluation))
+
+
+def lost_shares(evaluation: Evaluation) -> Floats:
+    """Of each scene's feasible candidates, the share that coarse cells hide.
+
+    Args:
+        evaluation: of a set.
+
+    Returns:
+        (N,); NaN for a scene without any.
+    """
     shares = [_lost_share(evaluation.rows, k) for k in range(evaluation.rows.count)]
-    return mean([found for found in shares if found is not None])
+    return np.array([np.nan if found is None else found for found in shares])
 
 
 def _lost_share(rows: Rows, k: int) -> float | None:
