@@ -194,15 +194,15 @@ def chance_of(rows: Mapping[str, Array], target_source: str = "given") -> Chance
         target_source: `given` or `found`.
 
     Returns:
-        The averages of each row.
+        The averages of each row, NaN where nothing was answered.
     """
     count, candidates = rows[f"{target_source}_passes"].shape
+    answered = rows[f"{target_source}_error"] == ""
     every = [metrics_of(rows, target_source, np.full(count, k)) for k in range(candidates)]
 
     def average(name: str) -> Floats:
-        return np.asarray(
-            np.mean([np.asarray(getattr(m, name), np.float64) for m in every], axis=0)
-        )
+        means = np.mean([np.asarray(getattr(m, name), np.float64) for m in every], axis=0)
+        return np.where(answered, means, np.nan)
 
     return Chance(*map(average, ("score", "clearance_score", "unobstructed", "too_wide")))
 

@@ -94,11 +94,11 @@ class Scenes:
         own, count = study.sets()["tested"], min(study.scale.causes, study.rows("tested").count)
         noises = [name for name in NOISES if name != own.rows.recipe.noise]
         noisy = {name: _noisy(study, name, count) for name in noises}
-        labels = _answered(study.rows("labels"))
+        labels = study.rows("labels").answered
         first = study.rows("tested").take(np.arange(count))
         which = (first["given_error"] == "") & (obstacle_counts(first) > 0)
         tested = first.take(which)
-        mixed = _answered(study.rows("tested-empty"))
+        mixed = study.rows("tested-empty").answered
         empty = obstacle_counts(mixed) == 0
         where = study.store, study.workers
         return Scenes(
@@ -258,10 +258,6 @@ def scores_of(rows: Rows, picks: Array, *, strict: bool = True) -> Floats:
     """
     metrics = metrics_of(rows, "given", picks)
     return metrics.score if strict else metrics.clearance_score
-
-
-def _answered(rows: Rows) -> Rows:
-    return rows.take(rows["given_error"] == "")
 
 
 def _noisy(study: Study, noise: str, count: int) -> Rows:

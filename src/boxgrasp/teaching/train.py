@@ -270,9 +270,8 @@ def train_svms(
     said = hashlib.sha256(labels).hexdigest()  # a set may have been labeled anew
     made = {"set": plain(labeled[0]), "labels_sha256": said, "seed": seed}
     claim(store, f"{prefix}training/", "made.json", made, "models")
-    finish(
-        store, training_tasks(*labeled, f"{prefix}training/", seed), trained_json, workers, "train"
-    )
+    tasks = training_tasks(labeled[0], labeled[1].answered, f"{prefix}training/", seed)
+    finish(store, tasks, trained_json, workers, "train")
     kept = []
     for svm in SVMS:
         kept.append(json.loads(store.read(f"{prefix}training/{svm.name}.json")))

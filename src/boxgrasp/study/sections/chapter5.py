@@ -106,7 +106,7 @@ def missed_table(evaluation: Evaluation) -> Table:
         A line an obstacle's name, and one of all.
     """
     counts: dict[str, NDArray[np.int64]] = {}
-    for k in range(evaluation.rows.count):
+    for k in np.flatnonzero(evaluation.answered("given")).tolist():
         for name, missed in _missed(evaluation.rows, k):
             entry = counts.setdefault(name, np.zeros(3, dtype=np.int64))
             entry += (1, *missed)
