@@ -46,6 +46,8 @@ def figures_of(report: dict[str, Any]) -> dict[str, Any]:
     """
     claims = {claim["key"]: claim for claim in report["claims"]}
     (section,) = (item for item in report["sections"] if item["key"] == SECTION)
+    (training,) = (item for item in report["sections"] if item["key"] == "training")
+    (b1,) = training["tables"]
     return {
         "made_with": {name: report["made_with"][name] for name in MADE_WITH},
         "verdicts": Counter(claim["verdict"] for claim in report["claims"]),
@@ -53,6 +55,9 @@ def figures_of(report: dict[str, Any]) -> dict[str, Any]:
             {name: claims[key][name] for name in ("key", "theirs", "ours", "verdict")}
             for key in QUOTED
         ],
+        "commonest_answers": {
+            str(line[0]).partition(". ")[2]: line[-1]["value"] for line in b1["rows"]
+        },
         "rows": [{"name": row["name"], "ours": row["ours"]} for row in section["rows"]],
     }
 
