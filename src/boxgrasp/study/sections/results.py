@@ -131,7 +131,7 @@ def _agreement_rows(study: Study, evaluation: Evaluation) -> list[Row]:
         for words, found in picks
     ]
     every = len(FACES) * LINES
-    return [*rows, Row("same candidate as the operator, random candidate", None, 1 / every)]
+    return [*rows, Row("same candidate as the operator, random candidate", None, round(1 / every, 3))]
 
 
 def _exact_rows(evaluation: Evaluation) -> list[Row]:
