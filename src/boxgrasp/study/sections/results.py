@@ -130,8 +130,8 @@ def _agreement_rows(study: Study, evaluation: Evaluation) -> list[Row]:
         )
         for words, found in picks
     ]
-    every = len(FACES) * LINES
-    return [*rows, Row("same candidate as the operator, random candidate", None, round(1 / every, 3))]
+    chance = round(1 / (len(FACES) * LINES), 3)
+    return [*rows, Row("same candidate as the operator, random candidate", None, chance)]
 
 
 def _exact_rows(evaluation: Evaluation) -> list[Row]:
