@@ -21,7 +21,7 @@ from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.model import load_model, ranked
 from boxgrasp.simulate.scenario import Recipe, targets_of
 from boxgrasp.study.evaluation import RANKERS, Evaluation, model_sets_in
-from boxgrasp.study.metrics import SCORE_FUNCTIONS, category_counts, metrics_of
+from boxgrasp.study.metrics import SCORE_FUNCTIONS, category_counts, chance_of, metrics_of
 from boxgrasp.teaching.rows import RowConfig, scenario_of_row
 from boxgrasp.teaching.samples import largest_edge_m
 from boxgrasp.teaching.search import Grid, Search, train
@@ -29,9 +29,9 @@ from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
 from boxgrasp.teaching.train import examples, train_svms
 
 COUNT = 60
-TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]))
-FOUND = Search(4.0, 0.05, 0.5, TRIED, TRIED)
-TESTED = SetConfig(RowConfig(Recipe(targets_of("all"), obstacles=(2, 4)), 22), 16)
+TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]), np.array([[0.4]]), np.array([[False]]))
+FOUND = Search(4.0, 0.05, 0.5, 0.4, 0.3, TRIED, TRIED)
+TESTED = SetConfig(RowConfig(Recipe(targets_of("all"), obstacles=(2, 4), noise="xtion"), 22), 16)
 
 
 @pytest.fixture(scope="module")
@@ -123,12 +123,14 @@ def test_metrics_are_the_scores_of_the_thesis(evaluation: Evaluation) -> None:
         picks = evaluation.picks(name)
         found = metrics_of(rows, "given", picks)
         for k, pick in enumerate(picks.tolist()):
-            visible = rows["given_thesis_clearance_m"][k]
-            assert found.score[k] == pytest.approx(thesis_score(visible, pick))
-            own = rows["given_true_clearance_m"][k][pick]
-            assert found.exact_score[k] == pytest.approx(
-                score(own, float(rows["true_clearance_m"][k].max()))
-            )
+            visible, fits = rows["given_thesis_clearance_m"][k], rows["given_true_fits"][k]
+            assert found.clearance_score[k] == pytest.approx(thesis_score(visible, pick))
+            narrow = score(visible[pick], max(visible[fits])) if fits[pick] else 0.0
+            assert found.score[k] == pytest.approx(narrow)
+            assert found.unobstructed[k] == (fits[pick] and visible[pick] >= 0.02)
+            own, true_fits = rows["given_true_clearance_m"][k][pick], rows["true_fits"][k]
+            exact = score(own, max(rows["true_clearance_m"][k][true_fits])) if fits[pick] else 0.0
+            assert found.exact_score[k] == pytest.approx(exact)
             if not found.valid[k]:
                 assert found.strict_score[k] == 0.0
 
@@ -148,6 +150,33 @@ def test_strict_scores_are_the_naive_ones_where_the_box_is_the_true_one(
     for k, pick in enumerate(evaluation.picks("random").tolist()):
         expected = strict_score(rows["true_clearance_m"][k], valid[k], pick)
         assert found.strict_score[k] == pytest.approx(expected)
+
+
+def test_chance_is_the_average_of_every_candidate(evaluation: Evaluation) -> None:
+    rows = evaluation.rows
+    found = chance_of(rows)
+    for k in range(rows.count):
+        visible, fits = rows["given_thesis_clearance_m"][k], rows["given_true_fits"][k]
+        each = [
+            score(d, max(visible[fits])) if f else 0.0 for d, f in zip(visible, fits, strict=True)
+        ]
+        assert found.score[k] == pytest.approx(np.mean(each))
+        alone = [thesis_score(visible, pick) for pick in range(15)]
+        assert found.clearance_score[k] == pytest.approx(np.mean(alone))
+        assert found.too_wide[k] == pytest.approx(1 - np.mean(fits))
+
+
+def test_a_face_too_wide_is_red(evaluation: Evaluation) -> None:
+    wide = ~evaluation.rows["given_true_fits"]
+    rows = evaluation.take(wide.any(axis=1))
+    worst = Evaluation(rows.rows, {}, commonest=int(wide[wide.any(axis=1)][0].argmax()))
+    metrics = worst.metrics("commonest")
+    red, _, _ = worst.category_counts("commonest")
+    assert metrics.too_wide.any() and red >= metrics.too_wide.sum()
+    assert (metrics.score[metrics.too_wide] == 0).all()
+    assert not (metrics.unobstructed & metrics.too_wide).any()
+    by_distance, _, _ = worst.category_counts("commonest", any_width=True)
+    assert by_distance == (~metrics.distant).sum() < red
 
 
 def test_what_was_not_answered_has_no_score(evaluation: Evaluation) -> None:

@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 from boxgrasp.errors import MissingExtraError
+from boxgrasp.geometry.box import Box
+from boxgrasp.geometry.transforms import make_transform
 from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 from boxgrasp.ranking import sampling
 from boxgrasp.study import plots
 from boxgrasp.study.intervals import Estimate, mean, share
 from boxgrasp.study.metrics import SCORE_FUNCTIONS
+from boxgrasp.study.plots import stages
+from boxgrasp.study.plots.stages import BoxPanel, Panel, boxes, clouds
 from boxgrasp.study.report import Row
 
 NAMES = ("single-grid", "<cascade> & $grid$")
@@ -26,6 +30,13 @@ FOUND = {
     "fine": {**GRID, "costs": [1.5, 2.5, 3.0]},
 }  # fmt: skip
 NOTHING = mean([])
+CLOUD = np.linspace((0.5, -0.2, 0.7), (0.9, 0.2, 1.0), 50, dtype=np.float32)
+GRAY = np.full((50, 3), 90, np.uint8)
+BOX = Box(make_transform(np.eye(3), (0.7, 0.0, 0.9)), np.array([0.1, 0.05, 0.2]))
+BOX_PANEL = BoxPanel(
+    title="front, line 2", cluster=CLOUD[20:30], dropped=CLOUD[30:], others=CLOUD[:20], box=BOX,
+    exact=BOX, T_base_hand=BOX.T_base_box, half_m=np.array([0.11, 0.08, 0.02]),
+)  # fmt: skip
 EVERY = {
     "categories": lambda: plots.category_shares(NAMES, ((5, 15, 80), (0, 0, 3))),
     "labels": lambda: plots.label_distribution(np.arange(15).reshape(5, 3)),
@@ -35,8 +46,12 @@ EVERY = {
     "rankers": lambda: plots.ranker_points(NAMES, [share(1, 2)] * 2, [share(1, 2), NOTHING]),
     "curves": lambda: plots.curves((1, 10), {NAMES[1]: [share(1, 9)] * 2}, "n", "s", log_x=True),
     "golden": plots.golden_spiral,
+    "layers": lambda: plots.spiral_layers(sampling.spiral()),
     "spiral": lambda: plots.samples_3d(sampling.spiral()),
     "dense": lambda: plots.samples_3d(sampling.dense()),
+    "clouds": lambda: clouds([Panel("a <b>", CLOUD, GRAY), Panel("c", CLOUD[:9], GRAY[:9])]),
+    "boxes": lambda: boxes([BOX_PANEL, BOX_PANEL], from_above=True),
+    "boxes-aside": lambda: boxes([BOX_PANEL], from_above=False),
     "portion": lambda: plots.samples_3d(sampling.grid(), sampling.portion(sampling.grid(), RIGHT)),
 }
 NS = "{http://www.w3.org/2000/svg}"
@@ -171,6 +186,18 @@ def test_views_show_every_sample_and_the_portions_apart(face, count):
     assert {marks(group) for group in whole.values()} == {184} and len(whole) == 3
 
 
+def test_a_section_shows_each_layer_s_samples_near_the_plane():
+    points = sampling.spiral()
+    svg = plots.spiral_layers(points, 0.02)
+    assert marks(groups(svg, "layer-4")["layer-4"]) == 98
+    near = points[np.abs(points[:, 0]) <= 0.02]
+    radii = np.linalg.norm(near, axis=1)
+    counts = [int((np.abs(radii - r) < 1e-6).sum()) for r in (0.075, 0.15, 0.225, 0.3)]
+    found = groups(svg, "section-")
+    assert [marks(found[f"section-{k}"]) for k in (1, 2, 3, 4)] == counts
+    assert sum(counts) == len(near) > 10
+
+
 def test_samples_behind_one_another_are_drawn_once():
     grid = sampling.grid()
     above = groups(plots.samples_3d(grid), "from-above")["from-above"]
@@ -190,3 +217,18 @@ def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'boxgrasp\[train\]'"):
         plots.golden_spiral()
+
+
+def test_clouds_are_seen_from_over_the_robots_left_shoulder():
+    flat, away = stages._aslant(np.array([(1, 0, 0), (2, 0, 0), (1, 0.5, 0), (1, 0, 0.5)]))
+    (_, farther, left, higher), start = flat, flat[0]
+    assert away[1] > away[0] > away[3]
+    assert farther[1] > start[1] and higher[1] > start[1]
+    assert left[0] < start[0] and higher[0] == pytest.approx(start[0])
+
+
+def test_a_boxs_twelve_edges_are_as_long_as_its_sides():
+    corners = stages._corners(BOX)
+    lengths = sorted(float(np.linalg.norm(corners[a] - corners[b])) for a, b in stages._EDGES)
+    assert lengths == pytest.approx([0.05] * 4 + [0.1] * 4 + [0.2] * 4)
+    assert corners.mean(axis=0) == pytest.approx((0.7, 0.0, 0.9))

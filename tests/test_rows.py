@@ -39,7 +39,7 @@ from boxgrasp.teaching.sets import (
     to_parquet,
 )
 
-CONFIG = RowConfig(Recipe(targets_of("all")), 11)
+CONFIG = RowConfig(Recipe(targets_of("all"), noise="xtion"), 11)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 
 pytest.importorskip("sklearn")
 
-from sklearn.model_selection import GridSearchCV
+from sklearn.metrics import balanced_accuracy_score
+from sklearn.model_selection import GridSearchCV, cross_val_predict
 from sklearn.multiclass import OneVsRestClassifier
 from sklearn.svm import SVC
 
@@ -22,9 +24,9 @@ from boxgrasp.teaching.search import (
     COARSE_C,
     COARSE_GAMMA,
     Grid,
-    accuracies,
     chosen,
     folds_of,
+    grid,
     one_vs_rest_accuracy,
     search,
     squared_distances,
@@ -49,9 +51,9 @@ def test_scores_are_those_of_scikit_learns_grid_search(seed: int) -> None:
     X, y = problem(seed)
     found = search(X, y, seed=seed)
     fold = folds_of(y, 5, seed)
-    for grid in (found.coarse, found.fine):
+    for pairs in (found.coarse, found.fine):
         theirs = GridSearchCV(
-            SVC(kernel="rbf"), {"gamma": grid.gammas, "C": grid.costs}, cv=splits(fold)
+            SVC(kernel="rbf"), {"gamma": pairs.gammas, "C": pairs.costs}, cv=splits(fold)
         ).fit(X, y)
         told = {
             (p["gamma"], p["C"]): score
@@ -59,9 +61,9 @@ def test_scores_are_those_of_scikit_learns_grid_search(seed: int) -> None:
                 theirs.cv_results_["params"], theirs.cv_results_["mean_test_score"], strict=True
             )
         }
-        expected = [[told[gamma, C] for C in grid.costs] for gamma in grid.gammas]
-        np.testing.assert_allclose(grid.accuracies, expected, atol=1e-12)
-        assert np.ptp(grid.accuracies) > 0.01  # there was something to tell apart
+        expected = [[told[gamma, C] for C in pairs.costs] for gamma in pairs.gammas]
+        np.testing.assert_allclose(pairs.accuracies, expected, atol=1e-12)
+        assert np.ptp(pairs.accuracies) > 0.01  # there was something to tell apart
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -79,24 +81,65 @@ def test_the_choice_is_made_among_all_pairs_of_both_grids() -> None:
     found = search(X, y)
     best = max(found.coarse.accuracies.max(), found.fine.accuracies.max())
     good = [
-        (gamma, accuracy, -C)
-        for grid in (found.coarse, found.fine)
-        for gamma, row in zip(grid.gammas, grid.accuracies, strict=True)
-        for C, accuracy in zip(grid.costs, row, strict=True)
-        if accuracy >= best - 0.005 - 1e-9
+        (pairs.balanced[g, c], gamma, pairs.accuracies[g, c], -C)
+        for pairs in (found.coarse, found.fine)
+        for g, gamma in enumerate(pairs.gammas)
+        for c, C in enumerate(pairs.costs)
+        if pairs.accuracies[g, c] >= best - 0.005 - 1e-9
     ]
-    gamma, accuracy, C = max(good)
-    assert (found.gamma, found.accuracy, found.C) == (gamma, accuracy, -C)
-    C, gamma, _ = chosen(found.coarse)
+    balanced, gamma, accuracy, C = max(good)
+    assert (found.balanced, found.gamma, found.accuracy, found.C) == (balanced, gamma, accuracy, -C)
+    C, gamma, *_ = chosen(found.coarse)
     assert C in found.fine.costs and gamma in found.fine.gammas
+    assert found.commonest == np.bincount(y).max() / len(y)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_balanced_accuracy_is_scikit_learns(seed: int) -> None:
+    X, y = problem(seed)
+    fold = folds_of(y, 5, seed)
+    found = grid(squared_distances(X), y, fold, (1.0, 8.0), (0.01, 0.1))
+    for (g, gamma), (c, C) in product(enumerate(found.gammas), enumerate(found.costs)):
+        said = cross_val_predict(SVC(C=C, gamma=gamma), X, y, cv=splits(fold))
+        assert found.balanced[g, c] == pytest.approx(balanced_accuracy_score(y, said))
+        assert found.constant[g, c] == (len(set(said.tolist())) == 1)
+
+
+def tried(accuracies: Any, balanced: Any, constant: Any = False) -> Grid:
+    table = np.array(accuracies)
+    flat = np.broadcast_to(constant, table.shape)
+    return Grid((1.0, 2.0), (0.1, 0.2, 0.3), table, np.array(balanced), flat)
 
 
 def test_the_rule_by_hand() -> None:
     table = [[0.80, 0.900], [0.895, 0.895], [0.8949, 0.7]]
-    assert chosen(Grid((1.0, 2.0), (0.1, 0.2, 0.3), np.array(table))) == (1.0, 0.2, 0.895)
+    even = np.full((3, 2), 0.5)
+    assert chosen(tried(table, even))[:3] == (1.0, 0.2, 0.895)
     table[2][0] = 0.8951
-    assert chosen(Grid((1.0, 2.0), (0.1, 0.2, 0.3), np.array(table))) == (1.0, 0.3, 0.8951)
+    assert chosen(tried(table, even))[:3] == (1.0, 0.3, 0.8951)
+    better = even.copy()
+    better[0, 1] = 0.6
+    assert chosen(tried(table, better)) == (2.0, 0.1, 0.9, 0.6)
     assert AS_GOOD == 0.005
+
+
+def test_a_constant_is_never_chosen() -> None:
+    """Nine in ten are of one class: the largest gamma says it always and is as accurate."""
+    constant = np.array([[False, False], [True, True], [True, True]])
+    table = [[0.88, 0.87], [0.9, 0.9], [0.9, 0.9]]
+    assert chosen(tried(table, np.full((3, 2), 0.5), constant))[:2] == (1.0, 0.1)
+    with pytest.raises(BoxgraspError, match="answers the same class always"):
+        chosen(tried(table, np.full((3, 2), 0.5), True))
+
+
+def test_a_plateau_of_one_class_gives_an_svm_that_says_others_too() -> None:
+    r = np.random.default_rng(3)
+    X = r.random((400, 6)).astype(np.float32)
+    y = np.where(X[:, 0] > 0.9, 1, 2)
+    y[r.random(400) < 0.03] = 3
+    found = search(X, y)
+    assert found.commonest > 0.85
+    assert len(set(train(X, y, found.C, found.gamma).predict(r.random((400, 6))).tolist())) > 1
 
 
 def test_the_coarse_grid_covers_the_thesis() -> None:
@@ -138,7 +181,7 @@ def test_rare_classes_give_no_warning(labels: list[int], seed: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fold = folds_of(y, 5, seed)
-        found = accuracies(squared_distances(X), y, fold, 0.1, (1.0, 8.0))
+        found = grid(squared_distances(X), y, fold, (1.0, 8.0), (0.1,)).accuracies[0]
         rest = one_vs_rest_accuracy(X, y, 1.0, 0.1, seed=seed)
     assert found.shape == (2,) and ((found >= 0) & (found <= 1)).all() and 0 <= rest <= 1
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import shutil
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -20,6 +22,8 @@ pytest.importorskip("pyarrow", reason="extra train")
 pytest.importorskip("matplotlib", reason="extra train")
 pytest.importorskip("jinja2", reason="extra train")
 
+import pyarrow
+import pyarrow.parquet
 import tiny_study
 from cluster import cluster
 
@@ -32,10 +36,23 @@ from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.model import SHIPPED
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
+from boxgrasp.study.answers.need import only_faces
+from boxgrasp.study.catalogue import catalogue
+from boxgrasp.study.evaluation import Evaluation, model_sets_in
+from boxgrasp.study.intervals import Estimate
 from boxgrasp.study.sections.captures import captures_section
+from boxgrasp.study.verdicts import Verdict, judge
 from boxgrasp.teaching.rows import scenario_of_row
 from boxgrasp.teaching.sets import read_set
 
+ROOT = Path(__file__).resolve().parent.parent
+VERDICTS = get_args(Verdict)
+KNOWN = [
+    "crisps_tube",
+    "biscuits_pack",
+    "cereal_x",
+    "cereal_y",
+]  # the targets of the training (3-3-1)
 SEED = 1
 REPRODUCE = [
     sys.executable, str(Path(tiny_study.__file__)), "reproduce", "--small", "--seed", str(SEED),
@@ -111,11 +128,13 @@ def test_base_is_whole(base: Path) -> None:
     assert report["made_with"]["boxgrasp"] == __version__
     assert report["made_with"]["seed"] == str(SEED)
     assert report["claims"] and report["sections"]
+    (causes,) = (section for section in report["sections"] if section["key"] == "causes")
+    assert [len(table["rows"]) for table in causes["tables"]] == [27, 27, 8, 8, 23]
     names = files(base)
     assert {"report.html", "report.md"} <= set(names)
     assert sum(name.endswith(".onnx") for name in names) == 8
-    assert len(list((base / "sets" / "labels").glob("part-*"))) == 5
-    for name, count in (("labels", 40), ("tested", 12), ("real", 4)):
+    assert len(list((base / "sets" / "labels").glob("part-*"))) == 8
+    for name, count in (("labels", 64), ("tested", 12), ("real", 4)):
         assert read_set(Store(base), f"sets/{name}/")[1].count == count
 
 
@@ -180,15 +199,111 @@ def test_evaluate_says_what_the_report_says(base: Path, capsys) -> None:
     assert "12 scenarios" in capsys.readouterr().out
 
 
+def claims_of(out: Path) -> dict[str, dict[str, Any]]:
+    report = json.loads((out / "report.json").read_bytes())
+    return {claim["key"]: claim for claim in report["claims"]}
+
+
+def test_every_result_of_the_thesis_has_a_verdict(base: Path) -> None:
+    claims = claims_of(base)
+    assert list(claims) == [item.key for item in catalogue()]
+    for item in catalogue():
+        claim = claims[item.key]
+        assert claim["verdict"] in VERDICTS and claim["theirs"], item.key
+        if claim["verdict"] == "cannot be judged here":
+            assert claim["reason"], item.key
+        else:
+            assert claim["ours"] is not None, item.key
+
+
+def test_scenes_cast_for_the_need_are_those_that_the_answers_count(base: Path) -> None:
+    needed, _, line = only_faces(read_set(Store(base), "sets/need/")[1])
+    assert needed.all() and (line != 1).all()
+
+
+def column(table: Any, name: str) -> np.ndarray:
+    return np.array(table[name].to_pylist())
+
+
+def scores_by_hand(
+    clearances_m: np.ndarray, fits: np.ndarray, picks: np.ndarray, *, any_width: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """The thesis's words (3-4), a scene at a time: score, and 0, 1, 2 for red, yellow, green."""
+    scores, categories = [], []
+    for d, fit, pick in zip(clearances_m, fits, picks, strict=True):
+        open_ = np.ones_like(fit) if any_width else fit
+        largest = d[open_].max() if open_.any() else 0.0
+        safe = min(0.06, largest)
+        if not open_[pick] or d[pick] < 0.02:
+            found = 0.0, 0
+        elif d[pick] >= safe:
+            found = 1.0, 2
+        else:
+            found = ((d[pick] - 0.02) / (safe - 0.02)) ** 2, 1
+        scores.append(found[0])
+        categories.append(found[1])
+    return np.array(scores), np.array(categories)
+
+
+def test_table_4_1_comes_out_of_the_stored_rows_by_numpy_alone(base: Path) -> None:
+    """No code of the study but for the models' picks; to the third digit."""
+    parts = sorted((base / "sets" / "tested").glob("part-*.parquet"))
+    table = pyarrow.concat_tables([pyarrow.parquet.read_table(part) for part in parts])
+    clearances_m = column(table, "given_thesis_clearance_m")
+    fits = column(table, "given_true_fits").astype(bool)
+    known = np.isin(column(table, "target"), KNOWN)
+    assert clearances_m.shape == fits.shape == (12, 15) and known.sum() == 8
+    store, claims = Store(base), claims_of(base)
+    evaluation = Evaluation(read_set(store, "sets/tested/")[1], model_sets_in(store, "models/"))
+    groups = {"known": known, "novel": ~known, "total": np.ones_like(known)}
+    every = {}
+    for version in ("single-spiral", "cascade-spiral", "single-grid", "cascade-grid"):
+        every[version] = picks = evaluation.picks(version)
+        scores, categories = scores_by_hand(clearances_m, fits, picks)
+        alone, _ = scores_by_hand(clearances_m, fits, picks, any_width=True)
+        for name, group in groups.items():
+            claim = claims[f"score-{version}-{name}"]
+            assert claim["ours"]["value"] == pytest.approx(scores[group].mean(), abs=5e-4)
+            assert f"however wide: {alone[group].mean():.3f}" in claim["reason"]
+    for key, flags in {
+        "clear-simulation": categories > 0,
+        "clear-novel": (categories > 0)[~known],
+        "safe-simulation": categories == 2,
+        "grid-never-wide-cascade": ~fits[np.arange(12), picks],
+        "differ-grid-total": every["single-grid"] != every["cascade-grid"],
+        "differ-spiral-known": (every["single-spiral"] != every["cascade-spiral"])[known],
+    }.items():
+        assert claims[key]["ours"]["value"] == pytest.approx(flags.mean(), abs=5e-4), key
+
+
+def test_the_docs_quote_what_stands_in_the_report(base: Path) -> None:
+    """The page is written from the kept figures, and each of them is one of the report's."""
+    spec = importlib.util.spec_from_file_location("quote_study", ROOT / "tools" / "quote_study.py")
+    assert spec is not None and spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    kept = json.loads(tool.FIGURES.read_text("utf-8"))
+    assert tool.text_of(kept) in tool.PAGE.read_text("utf-8")
+    now = tool.figures_of(json.loads((base / "report.json").read_bytes()))
+    for part, name in (("claims", "key"), ("rows", "name")):
+        assert [item[name] for item in kept[part]] == [item[name] for item in now[part]]
+    judged = {item.key: item.said for item in catalogue()}
+    for claim in kept["claims"]:
+        assert claim["theirs"] == str(judged[claim["key"]])
+        assert claim["verdict"] == judge(judged[claim["key"]], Estimate(**claim["ours"]))
+    assert sum(kept["verdicts"].values()) == len(judged)
+    assert tool.replaced(f"a{tool.BEGIN}b{tool.END}c", "X") == "aXc"
+
+
 def test_other_settings_at_the_same_place(base: Path, capsys) -> None:
     before = {name: path.stat().st_mtime_ns for name, path in files(base).items()}
     assert main(["reproduce", str(base), "--small", "--seed", "2"]) == 2
     assert "rows.seed is 1001 there, 2001 now" in one_line(capsys)
     assert main(["reproduce", str(base), "--seed", str(SEED)]) == 2
-    assert "count is 40 there, 800 now" in one_line(capsys)
+    assert "count is 64 there, 800 now" in one_line(capsys)
     labels = str(base / "sets" / "labels")
-    assert main(["simulate", labels, "--count", "40", "--seed", "1001", "--noise", "none"]) == 2
-    assert "noise is xtion there, none now" in one_line(capsys)
+    assert main(["simulate", labels, "--count", "64", "--seed", "1001", "--noise", "xtion"]) == 2
+    assert "noise is none there, xtion now" in one_line(capsys)
     assert before == {name: path.stat().st_mtime_ns for name, path in files(base).items()}
 
 
@@ -292,7 +407,7 @@ def test_simulate_to_a_url_and_again(tmp_path: Path, capsys) -> None:
     assert (config.rows.seed, rows.count) == (5, 3)
     for number in range(3):
         kept = load_capture(folder / f"capture-{number:06d}.npz")
-        fresh, _ = scenario_of_row(config.rows, number).capture("xtion")
+        fresh, _ = scenario_of_row(config.rows, number).capture(config.rows.recipe.noise)
         assert np.array_equal(kept.depth, fresh.depth)
         assert np.array_equal(kept.T_base_camera, fresh.T_base_camera)
 

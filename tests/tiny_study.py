@@ -8,7 +8,8 @@ import boxgrasp.study.study as study
 import boxgrasp.teaching.sets as sets
 
 TINY = study.Scale(
-    labels=40, tested=12, first=8, need=1, central=1, real=2, ad_hoc=1, runs=2, fused=2
+    labels=64, tested=12, first=8, need=1, central=1, real=2, ad_hoc=1, runs=2, fused=2,
+    curve_tested=8,
 )  # fmt: skip
 PART_ROWS = 8
 

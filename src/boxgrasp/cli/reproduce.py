@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
     from boxgrasp.cli import complain
     from boxgrasp.execution import Store, workers_for
+    from boxgrasp.study.report_pages import summary
     from boxgrasp.study.reproduce import reproduce
     from boxgrasp.study.study import SMALL, Scale, Study
 
@@ -57,7 +58,6 @@ def run(args: argparse.Namespace) -> int:
     store = Store(args.out)
     with workers_for(args.processes, args.cluster) as workers:
         report = reproduce(Study(store, workers, args.seed, scale.fully(args.full)), captures)
-    for claim in report.claims:
-        print(f"{claim.verdict:15} {claim.text}")
+    print(summary(report)[0])
     print(f"{store}/report.html")
     return 0

@@ -29,10 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, help="default: 1")
     parser.add_argument("--objects", metavar="FILE", help="object set of your own, YAML")
     parser.add_argument(
-        "--obstacles", type=int, nargs=2, default=(0, 4), metavar=("LEAST", "MOST"),
-        help="how many obstacles (default: 0 4)",
+        "--obstacles", type=int, nargs=2, default=(1, 4), metavar=("LEAST", "MOST"),
+        help="how many obstacles (default: 1 4)",
     )  # fmt: skip
-    parser.add_argument("--noise", choices=tuple(NOISES), default="xtion", help="default: xtion")
+    parser.add_argument("--noise", choices=tuple(NOISES), default="none", help="default: none")
     parser.add_argument(
         "--wish", choices=WISHES, default="feasible",
         help="which scenes are kept (default: feasible, at least one feasible grasp)",

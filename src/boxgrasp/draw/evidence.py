@@ -172,7 +172,7 @@ def draw_marks(canvas: Canvas, view: View, selection: Selection, marks: Iterable
     placed: list[tuple[XY | None, str]] = []
     for mark in marks:
         if mark.across_m is not None:
-            at = _draw_width(canvas, view, mark.across_m)
+            at = dimension_line(canvas, view, mark.across_m)
         elif mark.point_m is not None and mark.on_hand_m is not None:
             at = _draw_gap(canvas, view, mark.on_hand_m, mark.point_m)
             if at is not None and all(_apart_px(at, ring) >= _SAME_PLACE_PX for ring in rings):
@@ -201,8 +201,17 @@ def _apart_px(a: XY, b: XY) -> float:
     return float(np.hypot(a[0] - b[0], a[1] - b[1]))
 
 
-def _draw_width(canvas: Canvas, view: View, across_m: Floats) -> XY | None:
-    """A dimension line across the target, with its ticks; its middle, px."""
+def dimension_line(canvas: Canvas, view: View, across_m: Floats) -> XY | None:
+    """Draw a dimension line across the target, with its ticks.
+
+    Args:
+        canvas: the panel.
+        view: of the panel.
+        across_m: (2, 3) float64 ends, base frame, m.
+
+    Returns:
+        Its middle, px; None behind the camera.
+    """
     ends = view.segment(across_m[0], across_m[1])
     if ends is None:
         return None

@@ -59,7 +59,7 @@ class Recipe:
         obstacles: least and most number.
         yaw: as `Clutter.yaw`.
         area_m: as `Clutter.area_m`, m.
-        noise: name of the sensor's noise, one of `NOISES`.
+        noise: name of the sensor's noise, one of `NOISES`; the thesis's Gazebo had none.
         mirrored: left and right exchanged.
         wish: `any` scene; `feasible`, the thesis's assumption of at least one feasible grasp
             (1-6); `off-center`, its out-of-bias need (4-2): one face alone has feasible
@@ -73,10 +73,10 @@ class Recipe:
 
     targets: tuple[str, ...]
     objects: str = "simulated"
-    obstacles: tuple[int, int] = (0, 4)
+    obstacles: tuple[int, int] = (1, 4)
     yaw: str = "thesis"
     area_m: float = 0.50
-    noise: str = "xtion"
+    noise: str = "none"
     mirrored: bool = False
     wish: str = "feasible"
     physics: bool = False

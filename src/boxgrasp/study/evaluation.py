@@ -21,7 +21,13 @@ from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.model_set import VERSIONS, ModelSet, model_set_of, read_models
 from boxgrasp.ranking.ranker import SHIPPED, RankingContext, ranker_named
 from boxgrasp.simulate.scenario import targets_of
-from boxgrasp.study.metrics import ASK, Metrics, category_counts, metrics_of
+from boxgrasp.study.metrics import (
+    ASK,
+    Metrics,
+    category_counts,
+    largest_visible_m,
+    metrics_of,
+)
 from boxgrasp.teaching.rows import CHECK_FLAGS, CHECK_VALUES, box_of
 from boxgrasp.teaching.samples import sampled_scenes
 from boxgrasp.teaching.sets import Rows
@@ -138,17 +144,20 @@ class Evaluation:
     Attributes:
         rows: of the set.
         model_sets: trained models by the ranker's name.
+        commonest: the candidate that the operator took most often in training, which `picks`
+            knows as `commonest`; None where it is not asked for.
     """
 
     rows: Rows
     model_sets: Mapping[str, ModelSet]
+    commonest: int | None = None
     _orders: dict[tuple[str, str], Array] = field(default_factory=dict)
 
     def order(self, ranker: str, target_source: str = "given") -> Array:
         """What a ranker prefers.
 
         Args:
-            ranker: its name; `operator` for the labels.
+            ranker: its name; `operator` for the labels, `commonest` for the most common class.
             target_source: `given` or `found`.
 
         Returns:
@@ -167,6 +176,9 @@ class Evaluation:
         every = np.tile(np.arange(count), (self.rows.count, 1))
         if ranker == "operator":
             every[:, 0] = self.rows["label"] - 1
+            return every
+        if ranker == "commonest" and self.commonest is not None:
+            every[:, 0] = self.commonest
             return every
         answered = self.answered(target_source)
         rows = self.rows.take(answered)
@@ -232,13 +244,14 @@ class Evaluation:
         return metrics_of(self.rows, target_source, picks)
 
     def category_counts(
-        self, ranker: str, which: Array | slice = slice(None)
+        self, ranker: str, which: Array | slice = slice(None), *, any_width: bool = False
     ) -> tuple[int, int, int]:
         """How many first choices are of each category by the visible cloud (3-4).
 
         Args:
             ranker: as `picks` takes it.
             which: (N,) bool, or indices of rows; all of them unless told.
+            any_width: by distance alone; else a face that is too wide is red.
 
         Returns:
             Red, yellow, green.
@@ -246,8 +259,14 @@ class Evaluation:
         Raises:
             ModelError: models trained for another number of lines.
         """
-        largest = self.rows["given_thesis_clearance_m"].max(axis=1)
-        return category_counts(self.metrics(ranker).visible_m[which], largest[which])
+        metrics = self.metrics(ranker)
+        if any_width:
+            clearance_m = metrics.visible_m
+            largest_m = self.rows["given_thesis_clearance_m"].max(axis=1)
+        else:
+            clearance_m = np.where(metrics.too_wide, 0.0, metrics.visible_m)
+            largest_m = largest_visible_m(self.rows, "given")
+        return category_counts(clearance_m[which], largest_m[which])
 
     def take(self, which: Array) -> Evaluation:
         """The evaluation of some rows.
@@ -258,7 +277,7 @@ class Evaluation:
         Returns:
             Another one.
         """
-        return Evaluation(self.rows.take(which), self.model_sets)
+        return Evaluation(self.rows.take(which), self.model_sets, self.commonest)
 
     @cached_property
     def known(self) -> Array:

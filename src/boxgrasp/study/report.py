@@ -12,14 +12,14 @@ import msgspec
 
 from boxgrasp.errors import StoreError
 from boxgrasp.study.intervals import Estimate
+from boxgrasp.study.verdicts import STANDARD, Kind, Verdict
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 STAND_IN: Final = (
     "Wherever this report says operator, it is a stand-in, not a human: a rule with habits. "
     "Wherever it says real world, it is a stand-in, not a robot: simulated scenes, strong noise."
 )
 Cell = Estimate | int | float | str | None
-Verdict = Literal["reproduced", "not reproduced", "different"]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
@@ -146,19 +146,33 @@ class Section:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the thesis says, and whether it came out here.
+    """One result of the thesis, and whether it came out here.
 
     Attributes:
-        text: what it says.
+        key: names it, here and in the list of the thesis's results.
+        text: what the thesis says.
         place: where.
-        verdict: whether it came out.
-        reason: why, as far as can be seen.
+        kind: by which rule of the standard it is judged.
+        theirs: its figure, bar or side, in words.
+        ours: our number, estimate or words; None where it cannot be judged here.
+        verdict: by the report's standard.
+        reason: how ours was found, and why it is so, as far as can be seen.
+
+    Raises:
+        ValueError: a key that is no name.
     """
 
+    key: str
     text: str
     place: str
+    kind: Kind
+    theirs: str
+    ours: Cell
     verdict: Verdict
-    reason: str
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        _validate_name("claim", self.key)
 
 
 @dataclass(frozen=True)
@@ -169,11 +183,12 @@ class Report:
         title: over it.
         made_with: by what it can be made again: seed, versions, counts.
         sections: its parts.
-        claims: of the thesis.
+        claims: every result of the thesis, each once.
         notice: what every reader must know.
+        standard: how the claims are judged.
 
     Raises:
-        ValueError: two sections or two pictures of one name.
+        ValueError: two sections, two pictures or two claims of one name.
     """
 
     title: str
@@ -181,10 +196,12 @@ class Report:
     sections: tuple[Section, ...] = ()
     claims: tuple[Claim, ...] = ()
     notice: str = STAND_IN
+    standard: tuple[str, ...] = STANDARD
 
     def __post_init__(self) -> None:
         _validate_once("section", [section.key for section in self.sections])
         _validate_once("picture", [picture.name for picture in self.pictures()])
+        _validate_once("claim", [claim.key for claim in self.claims])
 
     def pictures(self) -> Iterator[Picture]:
         """Every picture.

@@ -6,12 +6,14 @@ import base64
 import math
 import re
 from collections import Counter
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Final, Protocol
 
 from boxgrasp.errors import MissingExtraError
 from boxgrasp.study.intervals import Estimate
-from boxgrasp.study.report import Cell, Claim, Picture, Report, Row, Table, Verdict, to_json
+from boxgrasp.study.report import Cell, Claim, Picture, Report, Row, Table, to_json
+from boxgrasp.study.verdicts import Verdict
 
 DASH: Final = "–"
 ASIDE: Final = {
@@ -21,7 +23,23 @@ ASIDE: Final = {
     "lower": "▼ thesis lower",
 }
 COLUMNS: Final = ("figure", "thesis", "ours", "95 % interval", "of", "thesis's figure", "note")
-VERDICTS: Final[dict[Verdict, str]] = {"reproduced": "✓", "different": "≈", "not reproduced": "✗"}
+CLAIM_COLUMNS: Final = (
+    "result",
+    "where",
+    "thesis",
+    "ours",
+    "95 % interval",
+    "verdict",
+    "how and why",
+)
+VERDICTS: Final[dict[Verdict, str]] = {
+    "reproduced": "✓",
+    "weaker": "≈",
+    "not reproduced": "✗",
+    "higher": "▲",
+    "lower": "▼",
+    "cannot be judged here": "○",
+}
 _CODE = re.compile(r"`([^`\n]+)`")
 
 
@@ -89,6 +107,8 @@ def html(report: Report) -> str:
         report=report,
         columns=COLUMNS,
         line=row_cells,
+        claim_columns=CLAIM_COLUMNS,
+        claim_line=claim_cells,
         aside=ASIDE,
         verdicts=VERDICTS,
         summary=summary(report),
@@ -108,10 +128,10 @@ def markdown(report: Report) -> str:
     lines += [*(part for words in summary(report) for part in (_md(words), "")), "## Made with", ""]
     lines += [f"- {_md(key)}: {_md(str(value))}" for key, value in report.made_with.items()]
     if report.claims:
-        lines += ["", "## Claims of the thesis", ""]
-        lines += _md_table(
-            ("claim", "where", "verdict", "why"), [_claim_cells(claim) for claim in report.claims]
-        )
+        lines += ["", "## How results are judged", ""]
+        lines += [part for words in report.standard for part in (_md(words), "")]
+        lines += ["## Every result of the thesis", ""]
+        lines += _md_table(CLAIM_COLUMNS, [claim_cells(claim) for claim in report.claims])
     for section in report.sections:
         lines += ["", f"## {_md(section.title)}", ""]
         lines += [_md(section.place), ""] if section.place else []
@@ -135,21 +155,31 @@ def summary(report: Report) -> tuple[str, ...]:
     Returns:
         Paragraphs.
     """
-    asides = Counter(row.aside for row in report.rows())
-    compared = sum(asides.values()) - asides[""]
-    said = []
-    if compared:
-        said.append(
-            f"Of {compared} numbers of the thesis that stand beside an interval of ours: "
-            f"{asides['within']} within it, {asides['higher']} higher, {asides['lower']} lower. "
-            "The thesis's own numbers, mostly of 3 to 120 "
-            "scenarios, are uncertain too; the intervals are of ours alone."
-        )
-    verdicts = Counter(claim.verdict for claim in report.claims)
-    if report.claims:
-        counts = ", ".join(f"{verdicts[word]} {word}" for word in VERDICTS if verdicts[word])
-        said.append(f"Of {len(report.claims)} claims of the thesis: {counts}.")
+    if not report.claims:
+        return ()
+    parts = {
+        "Counted without chance": ("count",),
+        "Figures and shares": ("figure", "share"),
+        "Differences, levels and words": ("difference", "above", "below", "alike"),
+        "Kept in no text": ("open",),
+    }
+    said = [f"Of {len(report.claims)} results of the thesis: {_counts(report.claims)}."]
+    by_kind = [
+        (words, [claim for claim in report.claims if claim.kind in kinds])
+        for words, kinds in parts.items()
+    ]
+    said += [f"{words}, {len(own)}: {_counts(own)}." for words, own in by_kind if own]
+    said.append(
+        "The mark beside a row further below says only where the thesis's figure lies of our own "
+        "interval; its verdict, with the thesis's sampling error too, is in this list."
+    )
     return tuple(said)
+
+
+def _counts(claims: Sequence[Claim]) -> str:
+    """How many claims have each verdict."""
+    found = Counter(claim.verdict for claim in claims)
+    return ", ".join(f"{found[word]} {word}" for word in VERDICTS if found[word])
 
 
 def row_cells(row: Row) -> tuple[str, ...]:
@@ -167,6 +197,24 @@ def row_cells(row: Row) -> tuple[str, ...]:
         interval, count = _interval(ours), f"{ours.count:,}"
         ours = ours.value if ours.value is None else _decimals(ours.value)
     return (row.name, theirs(row.thesis), cell(ours), interval, count, ASIDE[row.aside], row.note)
+
+
+def claim_cells(claim: Claim) -> tuple[str, ...]:
+    """A result of the thesis as text.
+
+    Args:
+        claim: any.
+
+    Returns:
+        A text for each of `CLAIM_COLUMNS`.
+    """
+    ours, interval = claim.ours, ""
+    if isinstance(ours, Estimate):
+        interval = _interval(ours)
+        interval += f" (of {ours.count:,})" if ours.low is not None else ""
+        ours = None if ours.value is None else _decimals(ours.value)
+    verdict = f"{VERDICTS[claim.verdict]} {claim.verdict}"
+    return claim.text, claim.place, claim.theirs, cell(ours), interval, verdict, claim.reason
 
 
 def theirs(value: float | int | str | None) -> str:
@@ -224,10 +272,6 @@ def _is_number(value: Cell) -> bool:
 
 def _cells(table: Table, row: tuple[Cell, ...]) -> tuple[str, ...]:
     return tuple(cell(value) for value in row)
-
-
-def _claim_cells(claim: Claim) -> tuple[str, ...]:
-    return claim.text, claim.place, f"{VERDICTS[claim.verdict]} {claim.verdict}", claim.reason
 
 
 def _source(picture: Picture) -> str:

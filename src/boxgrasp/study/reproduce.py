@@ -8,9 +8,15 @@ from pathlib import Path
 
 from boxgrasp.study.report import Report, Section
 from boxgrasp.study.report_pages import write
+from boxgrasp.study.sections.appendix_a import appendix_section
 from boxgrasp.study.sections.captures import captures_section
+from boxgrasp.study.sections.causes import causes_section
 from boxgrasp.study.sections.chapter5 import chapter5_section
 from boxgrasp.study.sections.claims import claims
+from boxgrasp.study.sections.declared import declared_section
+from boxgrasp.study.sections.figures_discussion import discussion_section
+from boxgrasp.study.sections.figures_method import method_section
+from boxgrasp.study.sections.figures_results import decisions_section
 from boxgrasp.study.sections.full import (
     curves_section,
     lines_section,
@@ -25,6 +31,7 @@ from boxgrasp.study.sections.real import real_section
 from boxgrasp.study.sections.results import agreement_section, results_section, scores_section
 from boxgrasp.study.sections.samples import samples_section
 from boxgrasp.study.sections.scenes import scenes_section
+from boxgrasp.study.sections.solvable import solvable_section
 from boxgrasp.study.sections.training import training_section
 from boxgrasp.study.study import Study
 from boxgrasp.version import __version__
@@ -65,6 +72,7 @@ def reproduce(study: Study, captures: Path | None = None) -> Report:
 
 def _sections(study: Study, captures: Path | None) -> list[Section]:
     sections = [
+        declared_section(),
         samples_section(),
         scenes_section(study),
         labels_section(study),
@@ -74,11 +82,17 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         agreement_section(study),
         scores_section(study),
         readings_section(study),
+        causes_section(study),
         need_section(study),
         real_section(study),
+        appendix_section(study),
         pooled_section(study),
         chapter5_section(study),
         rankers_section(study),
+        solvable_section(study),
+        method_section(study),
+        decisions_section(study),
+        discussion_section(study),
     ]
     if captures is not None:
         sections.append(captures_section(study, captures))

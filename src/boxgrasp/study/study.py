@@ -10,17 +10,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from boxgrasp.arrays import Array
 from boxgrasp.errors import ConfigError
-from boxgrasp.execution import Store, Workers
+from boxgrasp.execution import Store, Workers, finish
 from boxgrasp.forks import cached_property
 from boxgrasp.ranking.model_set import SVMS, ModelSet
 from boxgrasp.simulate.scenario import Recipe, targets_of
+from boxgrasp.study.again import again_part, read_again
 from boxgrasp.study.evaluation import Evaluation, model_sets_in
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
 from boxgrasp.teaching.train import train_svms
 
 STREAMS = 1000
+AGAIN_ROWS = 40  # scenes a task
 
 
 @dataclass(frozen=True)
@@ -35,12 +40,13 @@ class Scale:
         central: scenes without a valid candidate on a central line.
         real: scenes of the stand-in for the real world.
         ad_hoc: of them, scenes that need a line off the center.
+        causes: test scenarios that causes of the thesis's spiral scores are tried on.
         runs: how often each scene of the stand-in is seen.
         fused: frames in the map of the fused ones.
         full: the parts below too.
         real_once: scenes of the stand-in that are seen once.
         most_labels: rows that teach at most.
-        curve_tested: test scenarios of the curves.
+        curve_tested: test scenarios of the curves and of the variants of the test set.
     """
 
     labels: int = 800
@@ -51,6 +57,7 @@ class Scale:
     real: int = 42
     ad_hoc: int = 10
     runs: int = 10
+    causes: int = 400
     fused: int = 10
     full: bool = False
     real_once: int = 2000
@@ -71,7 +78,7 @@ class Scale:
 
 SMALL = Scale(
     labels=80, tested=96, first=24, need=12, central=8, real=4, ad_hoc=2, runs=3, fused=2,
-    real_once=20, most_labels=160, curve_tested=48,
+    causes=48, real_once=20, most_labels=160, curve_tested=48,
 )  # fmt: skip
 
 
@@ -110,14 +117,21 @@ class Study:
         known, every = targets_of("known"), targets_of("all")
         real = targets_of("real", "real")
         tight = (4, 4)
-        robot = Recipe(real, objects="real", obstacles=(1, 4), noise="strong")
+        taught, asked = Recipe(known), Recipe(every)
+        robot = Recipe(real, objects="real", noise="strong")
         ad_hoc = replace(robot, obstacles=tight, wish="off-center")
         given = ("given",)
         found = {
-            "labels": self._set(1, Recipe(known), n.labels),
-            "tested": self._set(2, Recipe(every), n.tested),
-            "need": self._set(3, Recipe(every, obstacles=tight, wish="off-center"), n.need),
-            "central": self._set(4, Recipe(every, obstacles=tight, wish="no-central"), n.central),
+            "labels": self._set(1, taught, n.labels),
+            "tested": self._set(2, asked, n.tested),
+            "tested-xtion": self._set(
+                2, replace(asked, noise="xtion"), n.curve_tested, target_sources=given
+            ),
+            "tested-empty": self._set(
+                9, replace(asked, obstacles=(0, 4)), n.curve_tested, target_sources=given
+            ),
+            "need": self._set(3, replace(asked, obstacles=tight, wish="off-center"), n.need),
+            "central": self._set(4, replace(asked, obstacles=tight, wish="no-central"), n.central),
             "real": self._set(5, robot, n.real, runs=n.runs, stride=2),
             "real-clean": self._set(5, replace(robot, noise="none"), n.real, stride=2),
             "real-every-point": self._set(5, robot, n.real, runs=n.runs, stride=1),
@@ -130,17 +144,17 @@ class Study:
             more = n.most_labels - n.labels
             found |= {
                 "real-once": self._set(7, robot, n.real_once, stride=2),
-                "more-labels": self._set(8, Recipe(known), more, target_sources=given),
+                "more-labels": self._set(8, taught, more, target_sources=given),
                 "mirrored": self._set(
-                    1, Recipe(known, mirrored=True), n.labels, target_sources=given
+                    1, replace(taught, mirrored=True), n.labels, target_sources=given
                 ),
             }
             for lines in (1, 5, 7):
                 found[f"labels-{lines}"] = self._set(
-                    1, Recipe(known), n.labels, lines=lines, target_sources=given
+                    1, taught, n.labels, lines=lines, target_sources=given
                 )
                 found[f"tested-{lines}"] = self._set(
-                    2, Recipe(every), n.curve_tested, lines=lines, target_sources=given
+                    2, asked, n.curve_tested, lines=lines, target_sources=given
                 )
         return found
 
@@ -205,5 +219,22 @@ class Study:
             StoreError: the place cannot be read.
         """
         if name not in self._evaluations:
-            self._evaluations[name] = Evaluation(self.rows(name), self.model_sets)
+            self._evaluations[name] = Evaluation(self.rows(name), self.model_sets, self.commonest)
         return self._evaluations[name]
+
+    @cached_property
+    def commonest(self) -> int:
+        """The candidate's index that the operator took most often in training."""
+        return int(np.bincount(self.rows("labels")["label"]).argmax()) - 1
+
+    @cached_property
+    def again(self) -> Array:
+        """(N,) what the operator takes in the first test scenes on another day, -1 for none."""
+        config = self.sets()["tested"].rows
+        count = min(self.scale.curve_tested, self.scale.tested)
+        tasks = {
+            f"again/{k:05d}.json": (config, range(k, min(k + AGAIN_ROWS, count)))
+            for k in range(0, count, AGAIN_ROWS)
+        }
+        finish(self.store, tasks, again_part, self.workers, "operator again")
+        return read_again([self.store.read(name) for name in tasks])

@@ -101,6 +101,11 @@ class Rows(Mapping[str, Array]):
         """
         return Rows({name: column[which] for name, column in self.columns.items()})
 
+    @cached_property
+    def answered(self) -> Rows:
+        """Those whose target's points gave an answer: without one nothing can be labeled."""
+        return self.take(self["given_error"] == "")
+
 
 def make_set(
     store: Store,

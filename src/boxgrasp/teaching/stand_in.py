@@ -33,8 +33,8 @@ class StandIn:
         into_table_m: how far under the table's top a hand would have to be for it to see that, m.
     """
 
-    face_m: tuple[float, float, float, float, float] = (0.0, 0.042, 0.0, 0.035, 0.02)
-    off_center_m: float = 0.015
+    face_m: tuple[float, float, float, float, float] = (0.0, 0.042, 0.0, 0.028, 0.012)
+    off_center_m: float = 0.018
     enough_m: float = 0.12
     judgment_sigma_m: float = 0.003
     mood_sigma_m: float = 0.002

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from boxgrasp.arrays import Array, Points
-from boxgrasp.errors import ConfigError
+from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.execution import Store, Workers, finish
 from boxgrasp.grasps.candidates import LINES
 from boxgrasp.grasps.gripper import Gripper
@@ -138,12 +138,16 @@ def train_svm(
         The SVM and its file.
 
     Raises:
-        ConfigError: fewer than two classes, or rows without a label.
+        ConfigError: fewer than two classes, rows without a label, or labels from which every C
+            and gamma learns to say the same class always.
         MissingExtraError: scikit-learn or onnx is not installed.
     """
     edge = largest_edge_m(rows)
     X, y = examples(rows, svm, provenance.lines, edge)
-    found = search(X, y, seed=seed)
+    try:
+        found = search(X, y, seed=seed)
+    except BoxgraspError as error:
+        raise ConfigError(f"{svm.name}, {len(y)} examples: {error}") from None
     model = train(X, y, found.C, found.gamma)
     schema = svm.schema
     record = Record(
@@ -225,6 +229,8 @@ def trained_json(task: tuple[dict[str, Array], Svm, Provenance, int]) -> bytes:
             "C": done.search.C,
             "gamma": done.search.gamma,
             "accuracy": done.search.accuracy,
+            "balanced": done.search.balanced,
+            "commonest": done.search.commonest,
             "coarse": _grid(done.search.coarse),
             "fine": _grid(done.search.fine),
         },
@@ -264,9 +270,8 @@ def train_svms(
     said = hashlib.sha256(labels).hexdigest()  # a set may have been labeled anew
     made = {"set": plain(labeled[0]), "labels_sha256": said, "seed": seed}
     claim(store, f"{prefix}training/", "made.json", made, "models")
-    finish(
-        store, training_tasks(*labeled, f"{prefix}training/", seed), trained_json, workers, "train"
-    )
+    tasks = training_tasks(labeled[0], labeled[1].answered, f"{prefix}training/", seed)
+    finish(store, tasks, trained_json, workers, "train")
     kept = []
     for svm in SVMS:
         kept.append(json.loads(store.read(f"{prefix}training/{svm.name}.json")))

@@ -1,4 +1,4 @@
-"""Where space is sampled: the flat spiral (2-6), samplings and portions (2-5 to 3-9)."""
+"""Where space is sampled: the flat spiral (2-6), its layers (2-7), samplings (2-5 to 3-9)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from boxgrasp.arrays import Floats
-from boxgrasp.study.plots.sheet import COLORS, FAINT_HEX, sheet, svg
+from boxgrasp.study.plots.sheet import COLORS, FAINT_HEX, MARKS, sheet, svg
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _MOST_MARKS = 400  # in a view; more are drawn as pixels, or the file would be large
@@ -44,6 +44,46 @@ def golden_spiral(count: int = 256) -> str:
             axes.set_xticks((-1, 0, 1))
             axes.set_yticks((-1, 0, 1))
         return svg(figure)
+
+
+def spiral_layers(points: Floats, slab_m: float = 0.036) -> str:
+    """One layer of a spiral sampling, and a section through all (thesis figure 2-7).
+
+    Args:
+        points: (P, 3) on half spheres, map frame, m.
+        slab_m: samples so near to the plane x = 0 are in the section, m; half of their spacing.
+
+    Returns:
+        SVG.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    radii = np.round(np.linalg.norm(points, axis=1), 4)
+    layers, which = np.unique(radii, return_inverse=True)
+    reach = float(layers[-1])
+    turn = np.linspace(0.0, math.pi, 91)
+    with sheet(5.0, 7.4) as figure:
+        aslant = figure.add_subplot(2, 1, 1, projection="3d")
+        aslant.computed_zorder = False
+        outer = points[which == len(layers) - 1]
+        _scatter(aslant, outer, COLORS[0], f"layer-{len(layers)}", 22)
+        aslant.set_title(f"one layer: {len(outer)} samples at {100 * reach:.1f} cm")
+        _dress(aslant, (0, 1, 2), reach)
+        section = figure.add_subplot(2, 1, 2)
+        near = np.abs(points[:, 0]) <= slab_m
+        for k, radius in enumerate(layers.tolist()):
+            color, mark = COLORS[k % len(COLORS)], MARKS[k % len(MARKS)]
+            section.plot(radius * np.cos(turn), radius * np.sin(turn), color=color, linewidth=0.8)
+            section.scatter(
+                *points[near & (which == k)][:, 1:].T, c=color, marker=mark, s=34, linewidths=0.3,
+                edgecolors="#333333", label=f"{100 * radius:.1f} cm", gid=f"section-{k + 1}",
+                clip_on=False, zorder=3,
+            )  # fmt: skip
+        section.set_title(f"section: samples within {100 * slab_m:.1f} cm of x = 0, by layer")
+        _dress(section, (1, 2), reach)
+        section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(layers))
+        return svg(figure, dpi=90)
 
 
 def samples_3d(points: Floats, portion: Floats | None = None) -> str:

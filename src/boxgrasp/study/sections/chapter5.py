@@ -7,7 +7,7 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
-from boxgrasp.arrays import Array, Floats
+from boxgrasp.arrays import Array, Bools, Floats
 from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import transform
@@ -106,7 +106,7 @@ def missed_table(evaluation: Evaluation) -> Table:
         A line an obstacle's name, and one of all.
     """
     counts: dict[str, NDArray[np.int64]] = {}
-    for k in range(evaluation.rows.count):
+    for k in np.flatnonzero(evaluation.answered("given")).tolist():
         for name, missed in _missed(evaluation.rows, k):
             entry = counts.setdefault(name, np.zeros(3, dtype=np.int64))
             entry += (1, *missed)
@@ -153,15 +153,38 @@ def lost_candidates(evaluation: Evaluation) -> Estimate:
     Returns:
         Average share, a scene, of its feasible candidates whose hand meets an occupied 7 cm cell.
     """
+    return mean(lost_shares(evaluation))
+
+
+def lost_shares(evaluation: Evaluation) -> Floats:
+    """Of each scene's feasible candidates, the share that coarse cells hide.
+
+    Args:
+        evaluation: of a set.
+
+    Returns:
+        (N,); NaN for a scene without any.
+    """
     shares = [_lost_share(evaluation.rows, k) for k in range(evaluation.rows.count)]
-    return mean([found for found in shares if found is not None])
+    return np.array([np.nan if found is None else found for found in shares])
 
 
 def _lost_share(rows: Rows, k: int) -> float | None:
     """Of the feasible candidates of row k, those that coarse cells hide; None without any."""
     free = (rows["given_true_clearance_m"][k] >= RED_BELOW_M) & rows["given_true_fits"][k]
-    if not free.any():
-        return None
+    return float(hidden_by_cells(rows, k)[free].mean()) if free.any() else None
+
+
+def hidden_by_cells(rows: Rows, k: int) -> Bools:
+    """Which candidates of a row meet an occupied 7 cm cell that the target does not fill.
+
+    Args:
+        rows: of a set.
+        k: the row.
+
+    Returns:
+        (5 l,) bool, by label.
+    """
     hand, size_m, box = Gripper(), RESOLUTION_M["grid"], _box(rows, k)
     cells = sampling("grid")[rows["given_grid"][k] == OCCUPIED]
     # Cells that the target itself may fill speak of no obstacle.
@@ -169,12 +192,13 @@ def _lost_share(rows: Rows, k: int) -> float | None:
     over_m = MappingConfig.center_above_support_m
     middle = np.array([0.0, 0.0, box.dimensions_m[2] / 2 - over_m])
     cells = cells[(np.abs(cells - middle) > reach).any(axis=1)]
-    T = candidates_of(box, hand, len(free) // len(FACES)).T_base_gripper
+    lines = rows["given_passes"].shape[1] // len(FACES)
+    T = candidates_of(box, hand, lines).T_base_gripper
     hands = hand_distance.uprights(T, hand.half_m)
     centers = transform(box.T_base_map(), cells)
     edges = np.full(len(cells), size_m)
     met, _ = hand_distance.to_cells(hands, centers, edges, box.yaw_rad)
-    return float((met[free] <= 0.0).mean())
+    return np.asarray(met <= 0.0)
 
 
 def fallbacks(study: Study, evaluation: Evaluation, version: str) -> tuple[Estimate, Estimate]:
@@ -188,14 +212,7 @@ def fallbacks(study: Study, evaluation: Evaluation, version: str) -> tuple[Estim
     Returns:
         Shares of the unfeasible picks, and of the feasible ones.
     """
-    labels = study.rows("labels")
-    face = (labels["label"] - 1) // LINES
-    common = {
-        str(name): int(np.bincount(face[labels["target"] == name], minlength=len(FACES)).argmax())
-        for name in np.unique(labels["target"])
-    }
-    known = evaluation.known
-    usual = np.array([common.get(str(name), -1) for name in evaluation.rows["target"]])
+    known, usual = evaluation.known, usual_faces(study, evaluation.rows)
     on_usual = evaluation.picks(version) // LINES == usual
     clear = evaluation.metrics(version).unobstructed
     bad, good = known & ~clear, known & clear
@@ -203,6 +220,25 @@ def fallbacks(study: Study, evaluation: Evaluation, version: str) -> tuple[Estim
         share(int(on_usual[bad].sum()), int(bad.sum())),
         share(int(on_usual[good].sum()), int(good.sum())),
     )
+
+
+def usual_faces(study: Study, rows: Rows) -> Array:
+    """The face that the operator took most often in training for each row's target.
+
+    Args:
+        study: whose labels count.
+        rows: of a set.
+
+    Returns:
+        (N,) index of the face, -1 for a target that was not in training.
+    """
+    labels = study.rows("labels")
+    face = (labels["label"] - 1) // LINES
+    common = {
+        str(name): int(np.bincount(face[labels["target"] == name], minlength=len(FACES)).argmax())
+        for name in np.unique(labels["target"])
+    }
+    return np.array([common.get(str(name), -1) for name in rows["target"]])
 
 
 def _box(rows: Rows, k: int) -> Box:

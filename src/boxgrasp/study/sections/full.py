@@ -89,7 +89,7 @@ def _of_lines(study: Study, kind: Kind, lines: int) -> _Point:
     tail = "" if lines == LINES else f"-{lines}"
     labels, tested = study.rows(f"labels{tail}"), study.rows(f"tested{tail}")
     variant = Variant(kind, "grid", lines)
-    model_set = fit(labels, variant, held(study, "grid"))
+    model_set = fit(labels.answered, variant, held(study, "grid"))
     return _Point(variant.version, lines, *judged(_curve_tested(study, tested), model_set))
 
 
@@ -120,7 +120,9 @@ def _network_rows(study: Study, kind: Kind) -> list[Row]:
     variants = [Variant(kind, "grid", network=seed) for seed in range(NETWORKS)]
     version = variants[0].version
     networks = [
-        Evaluation(evaluation.rows, {"network": fit(study.rows("labels"), v, held(study, "grid"))})
+        Evaluation(
+            evaluation.rows, {"network": fit(study.rows("labels").answered, v, held(study, "grid"))}
+        )
         for v in variants
     ]
     picks = [own.picks("network") for own in networks]
@@ -165,7 +167,7 @@ def mirror_section(study: Study) -> Section:
     rows = []
     for name, used in sets.items():
         for kind in KINDS:
-            model_set = fit(used, Variant(kind, "grid"), held(study, "grid"))
+            model_set = fit(used.answered, Variant(kind, "grid"), held(study, "grid"))
             score, agree = judged(study.rows("tested"), model_set)
             rows += [
                 Row(f"score, {kind}-grid, {name}", None, score),

@@ -11,6 +11,7 @@ from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import mean, share
 from boxgrasp.study.plots import category_shares, label_distribution
 from boxgrasp.study.report import Picture, Row, Section, Table
+from boxgrasp.study.sections.baselines import WAYS, baseline_rows
 from boxgrasp.study.study import Study
 from boxgrasp.teaching.sets import Rows
 
@@ -61,6 +62,11 @@ def _rows(evaluation: Evaluation, counts: Array) -> tuple[Row, ...]:
     by_face = counts.sum(axis=1)
     return (
         Row("average score of the labels", 0.93, mean(evaluation.metrics("operator").score)),
+        *(
+            row
+            for way in WAYS
+            for row in baseline_rows(evaluation, way, tail=", the labels' scenes")
+        ),
         Row("side faces chosen", 408, int(by_face[:3].sum())),
         Row("top faces chosen", 392, int(by_face[3:].sum())),
         Row("line 2 chosen", "by far the commonest", share(int(counts[:, 1].sum()), rows.count)),

@@ -6,14 +6,18 @@ import numpy as np
 
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.grasps.scoring import RED_BELOW_M
+from boxgrasp.ranking.model_set import VERSIONS
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import difference, mean, share
+from boxgrasp.study.metrics import chance_of
 from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Picture, Row, Section
+from boxgrasp.study.sections.baselines import WAYS, baseline_rows
 from boxgrasp.study.sections.results import GROUPS, group_of
 from boxgrasp.study.study import Study
 
 SINGLE, CASCADE = "single-grid", "cascade-grid"
+SPIRALS = ("single-spiral", "cascade-spiral")
 # Table 4-2, by group; table 4-3's real and pooled scores.
 TABLE_4_2 = {SINGLE: (0.15, 0.27, 0.17), CASCADE: (0.48, 0.32, 0.45)}
 REAL = {SINGLE: 0.42, CASCADE: 0.87}
@@ -57,16 +61,26 @@ def need_section(study: Study) -> Section:
 
 
 def _table_4_2_rows(evaluation: Evaluation) -> list[Row]:
-    scores = {name: evaluation.metrics(name).score for name in TABLE_4_2}
-    rows = [
-        Row(f"score, {name}, {group}", value, mean(score[group_of(evaluation, group)]))
-        for name, score in scores.items()
-        for group, value in zip(GROUPS, TABLE_4_2[name], strict=True)
-    ]
+    rows = []
+    for way, attribute in WAYS.items():
+        scores = {v: getattr(evaluation.metrics(v), attribute) for v in VERSIONS}
+        rows += [
+            Row(
+                f"{way}, {name}, {group}",
+                TABLE_4_2[name][k] if name in TABLE_4_2 else None,
+                mean(scores[name][group_of(evaluation, group)]),
+            )
+            for name in (*TABLE_4_2, *SPIRALS)
+            for k, group in enumerate(GROUPS)
+        ]
+        rows += baseline_rows(evaluation, way)
+        rows += [
+            Row(f"{way}, {b} less {a}", theirs, difference(scores[b], scores[a]))
+            for (a, b), theirs in (((SINGLE, CASCADE), 0.28), (SPIRALS, None))
+        ]
     red = ~evaluation.metrics(CASCADE).unobstructed
     return [
         *rows,
-        Row(f"score, {CASCADE} less {SINGLE}", 0.28, difference(scores[CASCADE], scores[SINGLE])),
         Row(f"unfeasible picks of {CASCADE}", 0.0, share(int(red.sum()), evaluation.rows.count)),
         Row("score, clearance, checked", None, mean(_checked_scores(evaluation, "clearance"))),
         Row(f"score, {CASCADE}, checked", None, mean(_checked_scores(evaluation, CASCADE))),
@@ -77,8 +91,9 @@ def _strict_rows(evaluation: Evaluation) -> list[Row]:
     tail = "no central line feasible"
     rows = [
         Row(f"score, {name}, {tail}", None, mean(evaluation.metrics(name).score))
-        for name in (SINGLE, CASCADE, "operator")
+        for name in VERSIONS
     ]
+    rows += baseline_rows(evaluation, "score", tail=f", {tail}")
     checked = mean(_checked_scores(evaluation, "clearance"))
     return [*rows, Row(f"score, clearance, checked, {tail}", None, checked)]
 
@@ -102,19 +117,29 @@ def pooled_section(study: Study) -> Section:
             "real ones here are a stand-in: simulated scenes of the five real objects with strong "
             "sensor noise, each seen ten times; a scene counts once, by its average.",
         ),
-        rows=tuple(row for name in TABLE_4_2 for row in _pooled_rows(evaluation, real, name)),
+        rows=tuple(
+            row
+            for way in WAYS
+            for name in (*TABLE_4_2, "random candidate")
+            for row in _pooled_rows((evaluation, real), name, way)
+        ),
         pictures=_pooled_pictures(evaluation, real),
     )
 
 
-def _pooled_rows(evaluation: Evaluation, real: Evaluation, name: str) -> list[Row]:
-    simulated = evaluation.metrics(name).score
-    by_scene = _by_scene(real, real.metrics(name).score)
-    pooled = np.concatenate((simulated, by_scene))
+def _pooled_rows(sets: tuple[Evaluation, Evaluation], name: str, way: str) -> list[Row]:
+    """Simulated scenes, those of the stand-in for real, and all of them."""
+    scores = [
+        getattr(chance_of(e.rows) if name not in TABLE_4_2 else e.metrics(name), WAYS[way])
+        for e in sets
+    ]
+    simulated, by_scene = scores[0], _by_scene(sets[1], scores[1])
+    theirs = (TABLE_4_2[name][2], REAL[name], POOLED[name]) if name in TABLE_4_2 else [None] * 3
+    found = (simulated, by_scene, np.concatenate((simulated, by_scene)))
+    words = ("simulation", "stand-in for real", "pooled")
     return [
-        Row(f"score, {name}, simulation", TABLE_4_2[name][2], mean(simulated)),
-        Row(f"score, {name}, stand-in for real", REAL[name], mean(by_scene)),
-        Row(f"score, {name}, pooled", POOLED[name], mean(pooled)),
+        Row(f"{way}, {name}, {where}", value, mean(values))
+        for where, value, values in zip(words, theirs, found, strict=True)
     ]
 
 

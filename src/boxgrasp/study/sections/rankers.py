@@ -15,8 +15,9 @@ from boxgrasp.study.study import Study
 
 SOLVABLE_M = 0.025
 COLUMNS = (
-    "ranker", "answered", "score, visible", "score, exact", "strict score",
-    "unobstructed, visible", "clear, exact", "good, exact", "into the table", "too wide",
+    "ranker", "answered", "score, visible", "the same by clearance alone", "score, exact",
+    "strict score", "unobstructed, visible", "clear, exact", "good, exact", "into the table",
+    "too wide",
 )  # fmt: skip
 SOURCES = {
     "given": "target points and aligned box given",
@@ -162,6 +163,7 @@ def _measures(metrics: Metrics) -> Line:
     return (
         share(count, len(done)),
         mean(metrics.score[done]),
+        mean(metrics.clearance_score[done]),
         mean(metrics.exact_score[done]),
         mean(metrics.strict_score[done]),
         share(int(metrics.unobstructed.sum()), count),

@@ -27,7 +27,7 @@ def readings_section(study: Study) -> Section:
     for sampling in SAMPLINGS:
         for kind in KINDS:
             variant = Variant(kind, sampling, own_edge=True)
-            other = fit(labels, variant, held(study, sampling))
+            other = fit(labels.answered, variant, held(study, sampling))
             ours = mean(evaluation.metrics(variant.version).score)
             score, agree = judged(evaluation.rows, other)
             same = f"same candidate as the operator, {variant.version}, each box's own"

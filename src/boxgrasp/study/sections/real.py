@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from boxgrasp.arrays import Floats
 from boxgrasp.execution import finish
 from boxgrasp.grasps.candidates import FACES, LINES
 from boxgrasp.study.evaluation import Evaluation, first_choice, model_order
@@ -15,6 +16,7 @@ from boxgrasp.study.intervals import difference, mean, share
 from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Picture, Row, Section, Table
 from boxgrasp.study.running import read_running, running_part
+from boxgrasp.study.sections.baselines import WAYS, baseline_rows
 from boxgrasp.study.sections.need import CASCADE
 from boxgrasp.study.study import Study
 from boxgrasp.teaching.sets import Rows
@@ -66,22 +68,31 @@ def real_section(study: Study) -> Section:
 
 
 def _score_rows(study: Study) -> list[Row]:
-    runs = study.scale.runs
-    metrics = study.evaluation("real").metrics(CASCADE)
-    by_scene = metrics.score.reshape(-1, runs).mean(axis=1)
-    clean = study.evaluation("real-clean").metrics(CASCADE).score
-    simulated = study.evaluation("tested").metrics(CASCADE).score
-    first = metrics.unobstructed[::runs]
+    runs, real = study.scale.runs, study.evaluation("real")
+    rows: list[Row] = []
+
+    def by_scene(values: Floats) -> Floats:
+        return np.asarray(values.reshape(-1, runs).mean(axis=1))
+
+    for way, name in WAYS.items():
+        noisy = by_scene(getattr(real.metrics(CASCADE), name))
+        clean = getattr(study.evaluation("real-clean").metrics(CASCADE), name)
+        simulated = getattr(study.evaluation("tested").metrics(CASCADE), name)
+        rows += [
+            Row(f"{way}, 42 scenes, strong noise", 0.86, mean(noisy)),
+            *baseline_rows(real, way, averaged=by_scene),
+            Row(f"{way}, the same scenes without noise", None, mean(clean)),
+            Row(f"{way}, simulation tests", 0.84, mean(simulated)),
+            Row(
+                f"{way}, noisy less clean, same scenes",
+                0.02,
+                difference(noisy, clean),
+                "the thesis compares different scenes",
+            ),
+        ]
+    first = real.metrics(CASCADE).unobstructed[::runs]
     return [
-        Row("score, 42 scenes, strong noise", 0.86, mean(by_scene)),
-        Row("score, the same scenes without noise", None, mean(clean)),
-        Row("score, simulation tests", 0.84, mean(simulated)),
-        Row(
-            "score, noisy less clean, same scenes",
-            0.02,
-            difference(by_scene, clean),
-            "the thesis compares different scenes",
-        ),
+        *rows,
         Row(
             "unobstructed, all runs",
             "more than 0.90",

@@ -7,12 +7,19 @@ from itertools import combinations
 import numpy as np
 
 from boxgrasp.arrays import Array
+from boxgrasp.grasps.candidates import FACES, LINES
 from boxgrasp.ranking.model_set import VERSIONS
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, difference, mean, share
 from boxgrasp.study.metrics import SCORE_FUNCTIONS, metrics_of
 from boxgrasp.study.plots import category_shares, forest, score_functions
 from boxgrasp.study.report import Cell, Picture, Row, Section, Table
+from boxgrasp.study.sections.baselines import (
+    BASELINES,
+    WAYS,
+    baseline_rows,
+    unobstructed_baselines,
+)
 from boxgrasp.study.study import Study
 
 GROUPS = ("known", "novel", "total")
@@ -23,6 +30,7 @@ TABLE_4_1 = {
     "single-grid": (0.78, 0.84, 0.81),
     "cascade-grid": (0.84, 0.84, 0.84),
 }
+RIGHT_BAR = ("four versions", "on the right the labels of the training set")
 # Section 4-2: share of decisions in which single and cascade differ.
 DIFFERENT = {"spiral": (4 / 60, 5 / 60, 0.08), "grid": (10 / 60, 4 / 60, 0.12)}
 
@@ -41,7 +49,7 @@ def results_section(study: Study, count: int | None = None) -> Section:
     if count is not None:
         evaluation = evaluation.take(np.arange(evaluation.rows.count) < count)
     size = evaluation.rows.count
-    table_4_1 = _score_rows(evaluation)
+    table_4_1, by_clearance = (_score_rows(evaluation, way) for way in WAYS)
     return Section(
         key=f"results-{size}",
         title=f"Four versions, {size} scenarios",
@@ -49,55 +57,81 @@ def results_section(study: Study, count: int | None = None) -> Section:
         words=(
             f"{size} test scenarios, {size // 8} for each of the eight targets, the SVM's first "
             "choice, target points and aligned box given. The thesis had 120 of its own.",
+            "A face wider than the opening is no grasp (5-2-1): such a pick is red and scores 0. "
+            "Beside it every score by clearance alone, as 3-4 words it. A random candidate is the "
+            "average over all 15, so that nothing is drawn; the most common class is the "
+            f"operator's in training ({_named(evaluation)}).",
         ),
         rows=(
             *table_4_1,
+            *by_clearance,
             *_unobstructed_rows(evaluation),
             *_order_rows(evaluation),
-            *_operator_rows(evaluation),
+            *_agreement_rows(study, evaluation),
             *_exact_rows(evaluation),
         ),
-        pictures=_pictures(evaluation, table_4_1),
+        pictures=_pictures(study, evaluation, table_4_1),
     )
 
 
-def _score_rows(evaluation: Evaluation) -> list[Row]:
-    return [
+def _named(evaluation: Evaluation) -> str:
+    face, line = divmod(evaluation.commonest or 0, LINES)
+    return f"{FACES[face]}, line {line + 1}"
+
+
+def _score_rows(evaluation: Evaluation, way: str) -> list[Row]:
+    rows = [
         Row(
-            f"score, {version}, {group}",
+            f"{way}, {version}, {group}",
             theirs,
-            mean(evaluation.metrics(version).score[group_of(evaluation, group)]),
+            mean(getattr(evaluation.metrics(version), WAYS[way])[group_of(evaluation, group)]),
         )
         for version in VERSIONS
         for group, theirs in zip(GROUPS, TABLE_4_1[version], strict=True)
     ]
+    for group in GROUPS:
+        which = group_of(evaluation, group)
+        rows += baseline_rows(evaluation, way, which, f", {group}")
+    return rows
 
 
 def _unobstructed_rows(evaluation: Evaluation) -> list[Row]:
     rows = []
     for version in VERSIONS:
-        clear = evaluation.metrics(version).unobstructed
+        metrics = evaluation.metrics(version)
         bar = "more than 0.90" if version == "cascade-grid" else None
-        rows.append(Row(f"unobstructed, {version}", bar, share(int(clear.sum()), len(clear))))
-    return rows
+        for words, clear in (
+            (f"unobstructed, {version}", metrics.unobstructed),
+            (f"unobstructed by clearance alone, {version}", metrics.distant),
+        ):
+            rows.append(Row(words, bar, share(int(clear.sum()), len(clear))))
+    return rows + unobstructed_baselines(evaluation)
 
 
 def _order_rows(evaluation: Evaluation) -> list[Row]:
     return [
-        Row(f"score, {a} less {b}", round(TABLE_4_1[a][2] - TABLE_4_1[b][2], 2), gap)
-        for a, b, gap in orders(evaluation)
+        Row(f"{way}, {a} less {b}", round(TABLE_4_1[a][2] - TABLE_4_1[b][2], 2), gap)
+        for way in WAYS
+        for a, b, gap in orders(evaluation, way)
     ]
 
 
-def _operator_rows(evaluation: Evaluation) -> list[Row]:
+def _agreement_rows(study: Study, evaluation: Evaluation) -> list[Row]:
     own = evaluation.picks("operator")
-    score = mean(evaluation.metrics("operator").score)
-    rows = [Row("score of the operator on the same scenes", None, score)]
-    for version in VERSIONS:
-        same = evaluation.picks(version) == own
-        agree = share(int(same.sum()), len(same))
-        rows.append(Row(f"same candidate as the operator, {version}", None, agree))
-    return rows
+    names = (*VERSIONS, "commonest")
+    picks = [(BASELINES.get(name, name), evaluation.picks(name)) for name in names]
+    second = study.again[: len(own)]
+    picks.append((f"operator, asked again of {len(second)} scenes", second))
+    rows = [
+        Row(
+            f"same candidate as the operator, {words}",
+            None,
+            share(int((found == own[: len(found)]).sum()), len(found)),
+        )
+        for words, found in picks
+    ]
+    chance = round(1 / (len(FACES) * LINES), 3)
+    return [*rows, Row("same candidate as the operator, random candidate", None, chance)]
 
 
 def _exact_rows(evaluation: Evaluation) -> list[Row]:
@@ -111,16 +145,18 @@ def _exact_rows(evaluation: Evaluation) -> list[Row]:
     ]
 
 
-def _pictures(evaluation: Evaluation, table_4_1: list[Row]) -> tuple[Picture, ...]:
+def _pictures(study: Study, evaluation: Evaluation, table_4_1: list[Row]) -> tuple[Picture, ...]:
     size = evaluation.rows.count
     categories = (
         Picture(
-            f"figure-{number}-{group}-{size}",
-            f"Categories by version, {group} objects (figure {number}).",
-            svg=_categories(evaluation, group),
+            f"figure-{number}-{group}-{size}{'-any-width' if any_width else ''}",
+            f"Categories by version, {group} objects (figure {number}"
+            f"{', by clearance alone' if any_width else ''}); {RIGHT_BAR[group == 'total']}.",
+            svg=_categories(study, evaluation, group, any_width=any_width),
             alt=f"Shares of red, yellow and green picks, {group} objects",
         )
         for number, group in (("4-3", "total"), ("4-4a", "known"), ("4-4b", "novel"))
+        for any_width in (False, True)
     )
     scores = Picture(
         f"table-4-1-{size}",
@@ -131,11 +167,12 @@ def _pictures(evaluation: Evaluation, table_4_1: list[Row]) -> tuple[Picture, ..
     return (*categories, scores)
 
 
-def orders(evaluation: Evaluation) -> list[tuple[str, str, Estimate]]:
+def orders(evaluation: Evaluation, way: str = "score") -> list[tuple[str, str, Estimate]]:
     """The order of table 4-1 as paired differences of scores.
 
     Args:
         evaluation: of a set.
+        way: one of `WAYS`.
 
     Returns:
         Two versions, and the score of the first less that of the second.
@@ -146,10 +183,8 @@ def orders(evaluation: Evaluation) -> list[tuple[str, str, Estimate]]:
         ("cascade-spiral", "single-spiral"),
         ("cascade-grid", "single-grid"),
     )
-    return [
-        (a, b, difference(evaluation.metrics(a).score, evaluation.metrics(b).score))
-        for a, b in pairs
-    ]
+    scores = {v: getattr(evaluation.metrics(v), WAYS[way]) for v in VERSIONS}
+    return [(a, b, difference(scores[a], scores[b])) for a, b in pairs]
 
 
 def group_of(evaluation: Evaluation, group: str) -> Array:
@@ -166,10 +201,18 @@ def group_of(evaluation: Evaluation, group: str) -> Array:
     return {"known": evaluation.known, "novel": ~evaluation.known, "total": everything}[group]
 
 
-def _categories(evaluation: Evaluation, group: str) -> str:
+def _categories(
+    study: Study, evaluation: Evaluation, group: str, *, any_width: bool = False
+) -> str:
+    """Of all groups beside the training set, as figure 4-3 has it; else beside the operator."""
     which = group_of(evaluation, group)
-    names = (*VERSIONS, "operator")
-    return category_shares(names, tuple(evaluation.category_counts(n, which) for n in names))
+    names = [*VERSIONS]
+    counts = [evaluation.category_counts(n, which, any_width=any_width) for n in names]
+    if group == "total":
+        names.append("training set")
+        taught = study.evaluation("labels")
+        counts.append(taught.category_counts("operator", any_width=any_width))
+    return category_shares(names, counts)
 
 
 def agreement_section(study: Study) -> Section:

@@ -7,7 +7,7 @@ import numpy as np
 from boxgrasp.arrays import Floats
 from boxgrasp.grasps.candidates import RIGHT, TOP_PERPENDICULAR
 from boxgrasp.ranking.sampling import grid, portion, sampling
-from boxgrasp.study.plots import golden_spiral, samples_3d
+from boxgrasp.study.plots import golden_spiral, samples_3d, spiral_layers
 from boxgrasp.study.report import Picture, Row, Section
 
 
@@ -60,10 +60,18 @@ def _pictures() -> tuple[Picture, ...]:
         svg=golden_spiral(),
         alt="Sunflower pattern of 256 points",
     )
+    layers = Picture(
+        "figure-2-7",
+        "A layer of the spiral sampling, and a section through all four, a color and a mark a "
+        "layer (figure 2-7). A section is half a spacing thick to both sides, so that some of its "
+        "samples lie before or behind their circle.",
+        svg=spiral_layers(spiral),
+        alt="Half a sphere of samples, and four half circles with samples along them",
+    )
     return (
         disc,
         _drawn("2-5", "dense samples, one in every 3 cm cell", sampling("dense")),
-        _drawn("2-7", "layers of the spiral", spiral),
+        layers,
         _drawn("2-8", "a grid of 0.2 in a unit half sphere", grid(0.2, 1.0)),
         _drawn("3-5", "spiral sampling", spiral),
         _drawn("3-7", "grid sampling", grid_7cm),

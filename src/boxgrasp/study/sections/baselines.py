@@ -1,0 +1,81 @@
+"""What a score is worth: a random candidate, the most common class, the operator itself.
+
+Every score stands in two ways: `score`, in which a face wider than the opening is no grasp (5-2-1),
+and by clearance alone, the words of 3-4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from boxgrasp.arrays import Array, Floats
+from boxgrasp.study.evaluation import Evaluation
+from boxgrasp.study.intervals import mean, share
+from boxgrasp.study.metrics import chance_of
+from boxgrasp.study.report import Row
+
+# By what a row is called, the attribute of `Metrics` and of `Chance`.
+WAYS = {"score": "score", "score by clearance alone": "clearance_score"}
+BASELINES = {"commonest": "most common class", "operator": "operator"}
+Averages = Callable[[Floats], Floats]
+
+
+def itself(values: Floats) -> Floats:
+    """The values as they are.
+
+    Args:
+        values: (N,).
+
+    Returns:
+        The same.
+    """
+    return values
+
+
+def baseline_rows(
+    evaluation: Evaluation,
+    way: str,
+    which: Array | slice = slice(None),
+    tail: str = "",
+    averaged: Averages = itself,
+) -> list[Row]:
+    """What a random candidate, the most common class and the operator score.
+
+    Args:
+        evaluation: of a set.
+        way: one of `WAYS`.
+        which: (N,) bool, rows that count.
+        tail: of the rows' names.
+        averaged: values of rows to values that are independent.
+
+    Returns:
+        A row each.
+    """
+    name = WAYS[way]
+    values = {"random candidate": getattr(chance_of(evaluation.rows), name)}
+    values |= {
+        words: getattr(evaluation.metrics(ranker), name) for ranker, words in BASELINES.items()
+    }
+    return [
+        Row(f"{way}, {words}{tail}", None, mean(averaged(value[which])))
+        for words, value in values.items()
+    ]
+
+
+def unobstructed_baselines(evaluation: Evaluation) -> list[Row]:
+    """The share of unobstructed picks of the same three.
+
+    Args:
+        evaluation: of a set.
+
+    Returns:
+        A row each.
+    """
+    chance = mean(np.asarray(chance_of(evaluation.rows).unobstructed))
+    rows = [Row("unobstructed, random candidate", None, chance)]
+    for ranker, words in BASELINES.items():
+        clear = evaluation.metrics(ranker).unobstructed
+        rows.append(Row(f"unobstructed, {words}", None, share(int(clear.sum()), len(clear))))
+    return rows
