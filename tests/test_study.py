@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -132,6 +133,7 @@ def test_base_is_whole(base: Path) -> None:
     assert [len(table["rows"]) for table in causes["tables"]] == [27, 27, 8, 8, 23]
     names = files(base)
     assert {"report.html", "report.md"} <= set(names)
+    assert re.search(r"\bnan\b", (base / "report.md").read_text("utf-8")) is None
     assert sum(name.endswith(".onnx") for name in names) == 8
     assert len(list((base / "sets" / "labels").glob("part-*"))) == 8
     for name, count in (("labels", 64), ("tested", 12), ("real", 4)):

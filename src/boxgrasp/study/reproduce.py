@@ -33,6 +33,7 @@ from boxgrasp.study.sections.samples import samples_section
 from boxgrasp.study.sections.scenes import scenes_section
 from boxgrasp.study.sections.solvable import solvable_section
 from boxgrasp.study.sections.training import training_section
+from boxgrasp.study.sections.variants import variants_section
 from boxgrasp.study.study import Study
 from boxgrasp.version import __version__
 
@@ -81,6 +82,7 @@ def _sections(study: Study, captures: Path | None) -> list[Section]:
         results_section(study),
         agreement_section(study),
         scores_section(study),
+        variants_section(study),
         readings_section(study),
         causes_section(study),
         need_section(study),

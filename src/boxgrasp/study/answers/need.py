@@ -111,7 +111,9 @@ def _varies_line(figures: Figures) -> Answer:
 
 def _spiral_none(figures: Figures) -> Answer:
     gap, _ = _gap(figures, "cascade-spiral", "single-spiral")
-    means = (figures.need.metrics(f"{kind}-spiral").score.mean() for kind in ("single", "cascade"))
+    means = (
+        np.nanmean(figures.need.metrics(f"{kind}-spiral").score) for kind in ("single", "cascade")
+    )
     return Answer(gap, "scores there, single and cascade spiral: {:.3f}, {:.3f}".format(*means))
 
 

@@ -54,9 +54,9 @@ def _alike(figures: Figures) -> Answer:
     like = mean_like(simulated, obstacle_counts(figures.tested.rows), wanted)
     return Answer(
         less(mean(scores), like),
-        f"stand-in {scores.mean():.3f}, simulation {like.value or 0.0:.3f} weighted to the same "
-        f"numbers of obstacles (on average {wanted.mean():.1f}), {simulated.mean():.3f} as it is. "
-        "The objects differ too, as the thesis's did.",
+        f"stand-in {np.nanmean(scores):.3f}, simulation {like.value or 0.0:.3f} weighted to the "
+        f"same numbers of obstacles (on average {wanted.mean():.1f}), "
+        f"{np.nanmean(simulated):.3f} as it is. The objects differ too, as the thesis's did.",
     )
 
 

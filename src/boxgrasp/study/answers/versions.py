@@ -106,7 +106,7 @@ def _known_bigger(figures: Figures) -> Answer:
     rows = figures.tested.rows
     edge_m = rows["given_dimensions_m"].mean(axis=1)
     known = group_of(figures.tested, "known")
-    inside, outside = 100 * edge_m[known].mean(), 100 * edge_m[~known].mean()
+    inside, outside = (100 * float(np.nanmean(edge_m[which])) for which in (known, ~known))
     return Answer(
         "bigger" if inside > outside else "smaller",
         f"average edge of the boxes {inside:.1f} cm against {outside:.1f} cm",
@@ -119,7 +119,7 @@ def _scores_order(figures: Figures) -> Answer:
     sides: dict[tuple[str, str], set[int]] = {pair: set() for pair in combinations(VERSIONS, 2)}
     for function in SCORE_FUNCTIONS:
         scores = {version: _by(figures, version, function) for version in VERSIONS}
-        order = sorted(VERSIONS, key=lambda version: -float(scores[version].mean()))
+        order = sorted(VERSIONS, key=lambda version: -float(np.nanmean(scores[version])))
         first = first or order
         whole += order == first
         for a, b in sides:
@@ -188,7 +188,7 @@ def _twenty_percent(figures: Figures) -> Answer:
         return np.asarray(np.mean(scores, axis=0))
 
     grid, spiral = both("grid"), both("spiral")
-    ratio = float(grid.mean() / spiral.mean()) if spiral.any() else float("nan")
+    ratio = float(np.nanmean(grid)) / max(float(np.nanmean(spiral)), 1e-9)
     return Answer(
         difference(grid, spiral),
         f"score of the two grid versions less that of the two spiral ones; {ratio:.2f} times it",

@@ -257,7 +257,9 @@ def scores_section(study: Study) -> Section:
     Returns:
         The section.
     """
-    same, exchanged, table = _compared(study.evaluation("tested"))
+    (same, exchanged, table), (alone, _, other) = (
+        _compared(study.evaluation("tested"), way) for way in WAYS
+    )
     changed = f"; exchanged: {', '.join(exchanged)}" if exchanged else ""
     return Section(
         key="scores",
@@ -274,8 +276,13 @@ def scores_section(study: Study) -> Section:
                 "all",
                 f"{same} of {len(SCORE_FUNCTIONS)}{changed}",
             ),
+            Row(
+                "the same by clearance alone",
+                "all",
+                f"{alone} of {len(SCORE_FUNCTIONS)}",
+            ),
         ),
-        tables=(table,),
+        tables=(table, other),
         pictures=(
             Picture(
                 "figure-3-14",
@@ -287,16 +294,18 @@ def scores_section(study: Study) -> Section:
     )
 
 
-def _compared(evaluation: Evaluation) -> tuple[int, list[str], Table]:
+def _compared(evaluation: Evaluation, way: str) -> tuple[int, list[str], Table]:
     """How many scores keep the first one's order, which versions change places, and the table."""
     lines: list[tuple[Cell, ...]] = []
     found: list[list[str]] = []
     for function in SCORE_FUNCTIONS:
         scores = {
-            v: metrics_of(evaluation.rows, "given", evaluation.picks(v), function).score
+            v: getattr(
+                metrics_of(evaluation.rows, "given", evaluation.picks(v), function), WAYS[way]
+            )
             for v in VERSIONS
         }
-        order = sorted(VERSIONS, key=lambda v: -float(scores[v].mean()))
+        order = sorted(VERSIONS, key=lambda v: -float(np.nanmean(scores[v])))
         found.append(order)
         lines.append((function.name, *map(mean, scores.values()), " > ".join(order)))
     first = found[0]
@@ -306,5 +315,5 @@ def _compared(evaluation: Evaluation) -> tuple[int, list[str], Table]:
         for a, b in combinations(VERSIONS, 2)
         if order.index(a) > order.index(b) and first.index(a) < first.index(b)
     }
-    table = Table("Average score by shape", ("shape", *VERSIONS, "order"), tuple(lines))
+    table = Table(f"Average {way} by shape", ("shape", *VERSIONS, "order"), tuple(lines))
     return sum(order == first for order in found), sorted(exchanged), table
