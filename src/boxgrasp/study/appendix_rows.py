@@ -181,7 +181,7 @@ def _row(scenario: Scenario, config: RowConfig, run: int, with_table: bool) -> d
         "appendix_clusters": stages.clusters.max() + 1,
         "appendix_short_m": exact.dimensions_m - sizes,
         "appendix_moved_m": np.array([_moved(item, exact) for item in boxes]),
-        "appendix_foreign": (others & view.cluster).sum() / max(1, view.cluster.sum()),
+        "appendix_foreign": int((others & view.cluster).sum()) / max(1, int(view.cluster.sum())),
         "appendix_error": "" if box is not None else "no cluster has the target",
         **_decided("appendix", exact if box is None else box, scenario, view, config),
         **_decided("exact", exact, scenario, view, config),

@@ -107,7 +107,7 @@ def cells_of(points: Floats, resolution_m: float) -> Array:
     """
     across = np.floor(points[:, :2] / resolution_m)
     up = np.round(points[:, 2:] / resolution_m)
-    return np.unique(np.hstack((across, up)).astype(int), axis=0)
+    return np.asarray(np.unique(np.hstack((across, up)).astype(int), axis=0))
 
 
 def _coverage_grid(_: Figures) -> Answer:
