@@ -6,7 +6,7 @@ and by clearance alone, the words of 3-4.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from boxgrasp.arrays import Array, Floats
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import mean, share
 from boxgrasp.study.metrics import chance_of
+from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Row
 
 # By what a row is called, the attribute of `Metrics` and of `Chance`.
@@ -62,6 +63,26 @@ def baseline_rows(
         Row(f"{way}, {words}{tail}", None, mean(averaged(value[which])))
         for words, value in values.items()
     ]
+
+
+def categories_both_ways(
+    names: Sequence[str], counts_of: Callable[[str, bool], tuple[int, int, int]]
+) -> str:
+    """Shares of red, yellow and green with faces too wide as red, and by clearance alone.
+
+    Args:
+        names: of the columns.
+        counts_of: a column's counts, by its name and whether any width counts.
+
+    Returns:
+        SVG, twice as many columns.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    columns = (*names, *(f"{name}, by clearance" for name in names))
+    counts = tuple(counts_of(name, any_width) for any_width in (False, True) for name in names)
+    return category_shares(columns, counts)
 
 
 def unobstructed_baselines(evaluation: Evaluation) -> list[Row]:

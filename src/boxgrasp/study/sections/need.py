@@ -10,9 +10,8 @@ from boxgrasp.ranking.model_set import VERSIONS
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import difference, mean, share
 from boxgrasp.study.metrics import chance_of
-from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Picture, Row, Section
-from boxgrasp.study.sections.baselines import WAYS, baseline_rows
+from boxgrasp.study.sections.baselines import WAYS, baseline_rows, categories_both_ways
 from boxgrasp.study.sections.results import GROUPS, group_of
 from boxgrasp.study.study import Study
 
@@ -53,7 +52,7 @@ def need_section(study: Study) -> Section:
             Picture(
                 "figure-4-6",
                 f"Categories in {count} scenes that need a line off the center (figure 4-6).",
-                svg=category_shares((SINGLE, CASCADE), _both(evaluation)),
+                svg=_both(evaluation),
                 alt="Shares of red, yellow and green picks of single and cascade grid",
             ),
         ),
@@ -145,21 +144,22 @@ def _pooled_rows(sets: tuple[Evaluation, Evaluation], name: str, way: str) -> li
 
 def _pooled_pictures(evaluation: Evaluation, real: Evaluation) -> tuple[Picture, Picture]:
     once = real.rows["run"] == 0
-    counts = tuple(
-        _add(evaluation.category_counts(name), real.category_counts(name, once))
-        for name in TABLE_4_2
-    )
+
+    def pooled(name: str, any_width: bool) -> Counts:
+        simulated = evaluation.category_counts(name, any_width=any_width)
+        return _add(simulated, real.category_counts(name, once, any_width=any_width))
+
     return (
         Picture(
             "figure-4-8",
             "Categories in the ad hoc scenes, all runs (figure 4-8).",
-            svg=category_shares((SINGLE, CASCADE), _both(real)),
+            svg=_both(real),
             alt="Shares of red, yellow and green picks, ad hoc scenes",
         ),
         Picture(
             "figure-4-9",
             "Categories, pooled; of each ad hoc scene the first run (figure 4-9).",
-            svg=category_shares((SINGLE, CASCADE), counts),
+            svg=categories_both_ways((SINGLE, CASCADE), pooled),
             alt="Shares of red, yellow and green picks, pooled",
         ),
     )
@@ -177,9 +177,12 @@ def _by_scene(evaluation: Evaluation, values: Array) -> Floats:
     return np.array([values[numbers == number].mean() for number in np.unique(numbers)])
 
 
-def _both(evaluation: Evaluation) -> tuple[Counts, Counts]:
+def _both(evaluation: Evaluation) -> str:
     """Categories of single and cascade grid."""
-    return evaluation.category_counts(SINGLE), evaluation.category_counts(CASCADE)
+    return categories_both_ways(
+        (SINGLE, CASCADE),
+        lambda name, any_width: evaluation.category_counts(name, any_width=any_width),
+    )
 
 
 def _add(a: Counts, b: Counts) -> Counts:

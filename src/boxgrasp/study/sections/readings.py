@@ -28,12 +28,20 @@ def readings_section(study: Study) -> Section:
         for kind in KINDS:
             variant = Variant(kind, sampling, own_edge=True)
             other = fit(labels.answered, variant, held(study, sampling))
-            ours = mean(evaluation.metrics(variant.version).score)
+            usual = evaluation.metrics(variant.version)
+            own = Evaluation(evaluation.rows, {"own": other}).metrics("own")
             score, agree = judged(evaluation.rows, other)
             same = f"same candidate as the operator, {variant.version}, each box's own"
             rows += [
-                Row(f"score, {variant.version}, the set's longest edge", None, ours),
+                Row(f"score, {variant.version}, the set's longest edge", None, mean(usual.score)),
                 Row(f"score, {variant.version}, each box's own", None, score),
+                *(
+                    Row(f"score by clearance alone, {variant.version}, {words}", None, mean(scores))
+                    for words, scores in (
+                        ("the set's longest edge", usual.clearance_score),
+                        ("each box's own", own.clearance_score),
+                    )
+                ),
                 Row(same, None, agree),
             ]
     return Section(

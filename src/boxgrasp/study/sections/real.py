@@ -13,10 +13,9 @@ from boxgrasp.execution import finish
 from boxgrasp.grasps.candidates import FACES, LINES
 from boxgrasp.study.evaluation import Evaluation, first_choice, model_order
 from boxgrasp.study.intervals import difference, mean, share
-from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Picture, Row, Section, Table
 from boxgrasp.study.running import read_running, running_part
-from boxgrasp.study.sections.baselines import WAYS, baseline_rows
+from boxgrasp.study.sections.baselines import WAYS, baseline_rows, categories_both_ways
 from boxgrasp.study.sections.need import CASCADE
 from boxgrasp.study.study import Study
 from boxgrasp.teaching.sets import Rows
@@ -153,11 +152,15 @@ def _once_rows(study: Study) -> list[Row]:
 
 
 def _picture(study: Study) -> Picture:
-    counts = tuple(study.evaluation(name).category_counts(CASCADE) for name in ("tested", "real"))
+    sets = {"simulation": "tested", "stand-in for real": "real"}
+
+    def counts_of(name: str, any_width: bool) -> tuple[int, int, int]:
+        return study.evaluation(sets[name]).category_counts(CASCADE, any_width=any_width)
+
     return Picture(
         "figure-4-10",
         "Cascade grid in the simulation tests and in the stand-in for real ones (4-10).",
-        svg=category_shares(("simulation", "stand-in for real"), counts),
+        svg=categories_both_ways(tuple(sets), counts_of),
         alt="Shares of red, yellow and green picks",
     )
 
