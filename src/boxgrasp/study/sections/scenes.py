@@ -41,11 +41,12 @@ def scenes_section(study: Study) -> Section:
         title="The simulated scenes",
         place="sections 3-1 and 3-3-1",
         words=(
-            "A table of 80 cm, the target near its middle along the base's axes, up to four "
+            "A table of 80 cm, the target near its middle along the base's axes, one to four "
             "obstacles in 50 x 50 cm round it, lamps 20 to 30 cm up. Objects have the thesis's "
-            "dimensions; those of mug, lamps and bar, the camera's pose and that 0 to 4 obstacles "
+            "dimensions; those of mug, lamps and bar, the camera's pose and that 1 to 4 obstacles "
             "are equally likely are ours. Scenes without a feasible grasp are drawn again, as the "
-            "thesis assumes one. Depth has the noise of an Xtion.",
+            "thesis assumes one. Depth has no noise: the thesis tells of it "
+            "for the real camera alone (3-5-2).",
             f"The first {study.scale.first} test scenes were checked in MuJoCo: what stands must "
             "stay, and its rays must meet what the ray caster's meet.",
             *words,
