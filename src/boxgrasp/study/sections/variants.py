@@ -31,8 +31,8 @@ def variants_section(study: Study) -> Section:
         title="Noise, and empty tables",
         place="sections 3-1, 3-3-1",
         words=(
-            "The thesis tells of noise for the real camera alone (3-5-2), and its figures fit tables "
-            "that are never empty. "
+            "The thesis tells of noise for the real camera alone (3-5-2), and its figures fit "
+            "tables that are never empty. "
             f"Here the first {noisy.rows.count} test scenarios are cast with an Xtion's noise, and "
             "as many others with 0 to 4 obstacles: where there is none everything scores 1 that "
             "fits. The models are those of all else.",
