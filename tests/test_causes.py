@@ -29,10 +29,11 @@ from boxgrasp.study.conditions import (
     world_lattice,
 )
 from boxgrasp.study.curves import Variant
+from boxgrasp.study.evaluation import obstacle_counts
 from boxgrasp.study.intervals import NOTHING, Estimate, less, scaled, share
 from boxgrasp.study.metrics import ASK
 from boxgrasp.study.sections.causes import MAPS, changes, verdict
-from boxgrasp.study.trials import Scenes, Trial, mislabeled, obstacle_counts, picks_of, scores_of
+from boxgrasp.study.trials import Scenes, Trial, mislabeled, picks_of, scores_of
 from boxgrasp.teaching.rows import RowConfig, box_of, row_of
 from boxgrasp.teaching.samples import sample_points
 from boxgrasp.teaching.sets import Rows

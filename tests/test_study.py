@@ -37,11 +37,11 @@ from boxgrasp.ranking.model_set import SVMS
 from boxgrasp.ranking.onnx.model import SHIPPED
 from boxgrasp.simulate import demo_capture
 from boxgrasp.simulate.physics import Settling
-from boxgrasp.study.answers.need import only_faces
 from boxgrasp.study.catalogue import catalogue
 from boxgrasp.study.evaluation import Evaluation, model_sets_in
 from boxgrasp.study.intervals import Estimate
 from boxgrasp.study.sections.captures import captures_section
+from boxgrasp.study.sections.need import only_faces
 from boxgrasp.study.verdicts import Verdict, judge
 from boxgrasp.teaching.rows import scenario_of_row
 from boxgrasp.teaching.sets import read_set

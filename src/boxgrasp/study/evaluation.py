@@ -6,6 +6,7 @@ passes every check.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -23,8 +24,10 @@ from boxgrasp.ranking.ranker import SHIPPED, RankingContext, ranker_named
 from boxgrasp.simulate.scenario import targets_of
 from boxgrasp.study.metrics import (
     ASK,
+    Chance,
     Metrics,
     category_counts,
+    chance_of,
     largest_visible_m,
     metrics_of,
 )
@@ -135,6 +138,18 @@ def first_passing(ordered: Array, passes: Array) -> Array:
     passing = np.take_along_axis(passes, ordered, axis=1)
     first = ordered[np.arange(len(ordered)), passing.argmax(axis=1)]
     return np.where(passing.any(axis=1), first, ASK)
+
+
+def obstacle_counts(rows: Rows) -> Array:
+    """How many obstacles stand in each row's scene.
+
+    Args:
+        rows: of a set.
+
+    Returns:
+        (N,) int64.
+    """
+    return np.array([len(json.loads(str(scene))["obstacles"]) for scene in rows["scene"]], np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +293,11 @@ class Evaluation:
             Another one.
         """
         return Evaluation(self.rows.take(which), self.model_sets, self.commonest)
+
+    @cached_property
+    def chance(self) -> Chance:
+        """What a candidate drawn at random comes to, the target's points given."""
+        return chance_of(self.rows)
 
     @cached_property
     def known(self) -> Array:

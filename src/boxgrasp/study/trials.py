@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -16,7 +15,7 @@ from boxgrasp.ranking.model_set import ModelSet, Part
 from boxgrasp.simulate.scenario import NOISES
 from boxgrasp.study.conditions import OrderOf, reordered, rows_under
 from boxgrasp.study.curves import Variant, fit
-from boxgrasp.study.evaluation import Evaluation
+from boxgrasp.study.evaluation import Evaluation, obstacle_counts
 from boxgrasp.study.metrics import metrics_of
 from boxgrasp.study.study import Study
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
@@ -218,18 +217,6 @@ def mislabeled(label: Array, share: float, rng: np.random.Generator, candidates:
     step = rng.integers(1, candidates, len(which))
     found[which] = (found[which] - 1 + step) % candidates + 1
     return found
-
-
-def obstacle_counts(rows: Rows) -> Array:
-    """How many obstacles each scene has.
-
-    Args:
-        rows: of a set.
-
-    Returns:
-        (N,) int64.
-    """
-    return np.array([len(json.loads(scene)["obstacles"]) for scene in rows["scene"]], np.int64)
 
 
 def picks_of(model_set: ModelSet, rows: Rows) -> Array:

@@ -8,11 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from boxgrasp.arrays import Array, Bools, Floats
-from boxgrasp.grasps.candidates import FACES, LINES, TOP_PARALLEL
+from boxgrasp.grasps.candidates import LINES, TOP_PARALLEL
 from boxgrasp.ranking.sampling import RADIUS_M, RESOLUTION_M, sampling
 from boxgrasp.study.answers.figures import (
-    CASCADE,
-    SINGLE,
     Answer,
     Answers,
     Figures,
@@ -22,7 +20,14 @@ from boxgrasp.study.answers.figures import (
 from boxgrasp.study.answers.samplings import cells_of
 from boxgrasp.study.intervals import NOTHING, Estimate, less, mean
 from boxgrasp.study.report import Table
-from boxgrasp.study.sections.chapter5 import fallbacks, lost_candidates, lost_shares, missed_table
+from boxgrasp.study.sections.chapter5 import (
+    fallbacks,
+    lost_candidates,
+    lost_shares,
+    missed_table,
+    usual_faces,
+)
+from boxgrasp.study.sections.need import CASCADE, SINGLE
 
 _CUBE_M = 0.06  # the green cube (3-1)
 _CUBES = 4_000
@@ -150,13 +155,8 @@ def on_bias(figures: Figures, version: str) -> Array:
     Returns:
         (known scenes,) bool.
     """
-    labels, tested = figures.labels.rows, figures.tested
-    faces = (labels["label"] - 1) // LINES
-    usual = {
-        str(name): int(np.bincount(faces[labels["target"] == name], minlength=len(FACES)).argmax())
-        for name in np.unique(labels["target"])
-    }
-    face = np.array([usual.get(str(name), -1) for name in tested.rows["target"]])
+    tested = figures.tested
+    face = usual_faces(figures.study, tested.rows)
     fallen = (tested.picks(version) // LINES == face) & ~tested.metrics(version).unobstructed
     return np.asarray(fallen[tested.known])
 

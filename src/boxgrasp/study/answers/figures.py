@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,9 +17,7 @@ from boxgrasp.study.intervals import NOTHING, Estimate, difference, mean, share
 from boxgrasp.study.metrics import largest_visible_m
 from boxgrasp.study.study import Study
 from boxgrasp.study.verdicts import Ours
-from boxgrasp.teaching.sets import Rows
 
-SINGLE, CASCADE = "single-grid", "cascade-grid"
 CENTRAL = LINES // 2  # the index of the middle line
 
 
@@ -161,18 +158,6 @@ def off_center(evaluation: Evaluation, version: str) -> Bools:
     """
     found: Bools = evaluation.picks(version) % LINES != CENTRAL
     return found
-
-
-def obstacle_counts(rows: Rows) -> Array:
-    """How many obstacles stand in each row's scene.
-
-    Args:
-        rows: of a set.
-
-    Returns:
-        (N,) int.
-    """
-    return np.array([len(json.loads(str(scene))["obstacles"]) for scene in rows["scene"]], int)
 
 
 def mean_like(values: Array, counts: Array, wanted: Array) -> Estimate:

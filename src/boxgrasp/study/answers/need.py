@@ -6,13 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from boxgrasp.arrays import Array, Bools, Floats
+from boxgrasp.arrays import Bools, Floats
 from boxgrasp.grasps.candidates import LINES
-from boxgrasp.grasps.scoring import RED_BELOW_M
 from boxgrasp.study.answers.figures import (
-    CASCADE,
-    CENTRAL,
-    SINGLE,
     Answer,
     Answers,
     Figures,
@@ -20,31 +16,10 @@ from boxgrasp.study.answers.figures import (
     off_center,
     share_of,
 )
-from boxgrasp.study.answers.versions import group_of
 from boxgrasp.study.intervals import Estimate, difference, less, mean
+from boxgrasp.study.sections.need import CASCADE, SINGLE, only_faces
 from boxgrasp.study.sections.real import changed_scenes
-from boxgrasp.teaching.sets import Rows
-
-
-def only_faces(rows: Rows) -> tuple[Bools, Array, Array]:
-    """Which scenes need a line off the center, by the thesis's words (4-2).
-
-    One face alone has candidates that are clear by 2 cm to exact surfaces and fit, and the best of
-    them is not on its central line.
-
-    Args:
-        rows: of a set.
-
-    Returns:
-        (N,) whether it is so; (N,) the first face with such candidates, from 0; (N,) the best
-        line on it, from 0.
-    """
-    clearance_m = np.where(rows["true_fits"], rows["true_clearance_m"], -1.0)
-    clearance_m = clearance_m.reshape(rows.count, -1, LINES)
-    has = (clearance_m >= RED_BELOW_M).any(axis=2)
-    face = has.argmax(axis=1)
-    line = clearance_m[np.arange(rows.count), face].argmax(axis=1)
-    return (has.sum(axis=1) == 1) & (line != CENTRAL), face, line
+from boxgrasp.study.sections.results import group_of
 
 
 def _rate(group: str) -> Callable[[Figures], Answer]:

@@ -9,17 +9,17 @@ import numpy as np
 from boxgrasp.arrays import Array, Bools, Floats
 from boxgrasp.ranking.sampling import RESOLUTION_M, sampling
 from boxgrasp.study.answers.figures import (
-    CASCADE,
     Answer,
     Answers,
     Figures,
     green,
     mean_like,
     more_often,
-    obstacle_counts,
     share_of,
 )
+from boxgrasp.study.evaluation import obstacle_counts
 from boxgrasp.study.intervals import less, mean, share
+from boxgrasp.study.sections.need import CASCADE
 from boxgrasp.study.sections.real import WRONG_BOX_M, changed_running, changed_scenes
 
 _TALL = "crisps"

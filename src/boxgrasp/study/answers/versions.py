@@ -11,8 +11,6 @@ from boxgrasp.arrays import Bools, Floats
 from boxgrasp.ranking.model_set import VERSIONS
 from boxgrasp.ranking.sampling import sampling
 from boxgrasp.study.answers.figures import (
-    CASCADE,
-    SINGLE,
     Answer,
     Answers,
     Figures,
@@ -21,27 +19,10 @@ from boxgrasp.study.answers.figures import (
     more_often,
     share_of,
 )
-from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import Estimate, difference, less, mean
 from boxgrasp.study.metrics import SCORE_FUNCTIONS, metrics_of
-
-GROUPS = ("known", "novel", "total")
-
-
-def group_of(evaluation: Evaluation, group: str) -> Bools:
-    """The rows of a group of targets.
-
-    Args:
-        evaluation: of a set.
-        group: one of `GROUPS`.
-
-    Returns:
-        (N,).
-    """
-    known = evaluation.known
-    if group == "total":
-        return np.ones(len(known), dtype=bool)
-    return np.asarray(known if group == "known" else ~known)
+from boxgrasp.study.sections.need import CASCADE, SINGLE
+from boxgrasp.study.sections.results import GROUPS, group_of
 
 
 def _score(version: str, group: str) -> Callable[[Figures], Answer]:

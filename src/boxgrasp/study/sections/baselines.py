@@ -13,7 +13,6 @@ import numpy as np
 from boxgrasp.arrays import Array, Floats
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import mean, share
-from boxgrasp.study.metrics import chance_of
 from boxgrasp.study.plots import category_shares
 from boxgrasp.study.report import Row
 
@@ -23,24 +22,12 @@ BASELINES = {"commonest": "most common class", "operator": "operator"}
 Averages = Callable[[Floats], Floats]
 
 
-def itself(values: Floats) -> Floats:
-    """The values as they are.
-
-    Args:
-        values: (N,).
-
-    Returns:
-        The same.
-    """
-    return values
-
-
 def baseline_rows(
     evaluation: Evaluation,
     way: str,
     which: Array | slice = slice(None),
     tail: str = "",
-    averaged: Averages = itself,
+    averaged: Averages = np.asarray,
 ) -> list[Row]:
     """What a random candidate, the most common class and the operator score.
 
@@ -55,7 +42,7 @@ def baseline_rows(
         A row each.
     """
     name = WAYS[way]
-    values = {"random candidate": getattr(chance_of(evaluation.rows), name)}
+    values = {"random candidate": getattr(evaluation.chance, name)}
     values |= {
         words: getattr(evaluation.metrics(ranker), name) for ranker, words in BASELINES.items()
     }
@@ -94,7 +81,7 @@ def unobstructed_baselines(evaluation: Evaluation) -> list[Row]:
     Returns:
         A row each.
     """
-    chance = mean(np.asarray(chance_of(evaluation.rows).unobstructed))
+    chance = mean(evaluation.chance.unobstructed)
     rows = [Row("unobstructed, random candidate", None, chance)]
     for ranker, words in BASELINES.items():
         clear = evaluation.metrics(ranker).unobstructed

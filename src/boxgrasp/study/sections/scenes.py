@@ -11,6 +11,7 @@ import numpy as np
 from boxgrasp.errors import MissingExtraError
 from boxgrasp.execution import finish
 from boxgrasp.simulate.physics import mujoco_depth, settles
+from boxgrasp.study.evaluation import obstacle_counts
 from boxgrasp.study.intervals import share
 from boxgrasp.study.report import Picture, Row, Section
 from boxgrasp.study.study import Study
@@ -34,8 +35,7 @@ def scenes_section(study: Study) -> Section:
         StoreError: the study's place cannot be read or written.
     """
     rows, words = _physics_rows(study)
-    counts = np.array([len(json.loads(str(s))["obstacles"]) for s in study.rows("tested")["scene"]])
-    average = round(float(counts.mean()), 2)
+    average = round(float(obstacle_counts(study.rows("tested")).mean()), 2)
     return Section(
         key="scenes",
         title="The simulated scenes",

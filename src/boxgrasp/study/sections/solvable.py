@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from boxgrasp.study.answers.figures import CASCADE, share_of
+from boxgrasp.study.answers.figures import share_of
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import mean
-from boxgrasp.study.metrics import chance_of
 from boxgrasp.study.report import Row, Section
+from boxgrasp.study.sections.need import CASCADE
 from boxgrasp.study.sections.rankers import SOLVABLE_M
 from boxgrasp.study.study import Study
 
@@ -25,7 +25,7 @@ def solvable_section(study: Study) -> Section:
     """
     tested = study.evaluation("tested")
     evaluation = tested.take(tested.rows["best_m"] >= SOLVABLE_M)
-    chance = chance_of(tested.rows)
+    chance = tested.chance
     grid = tested.metrics(CASCADE)
     return Section(
         key=KEY,

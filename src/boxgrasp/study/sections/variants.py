@@ -7,9 +7,8 @@ import numpy as np
 from boxgrasp.ranking.model_set import VERSIONS
 from boxgrasp.study.evaluation import Evaluation
 from boxgrasp.study.intervals import difference, mean
-from boxgrasp.study.metrics import chance_of
 from boxgrasp.study.report import Row, Section
-from boxgrasp.study.sections.baselines import BASELINES, WAYS
+from boxgrasp.study.sections.baselines import WAYS, baseline_rows
 from boxgrasp.study.study import Study
 
 VARIANTS = {"tested-xtion": "an Xtion's noise", "tested-empty": "0 to 4 obstacles"}
@@ -55,10 +54,6 @@ def variants_section(study: Study) -> Section:
 
 
 def _rows(evaluation: Evaluation, way: str, words: str) -> list[Row]:
-    name = WAYS[way]
-    values = {who: getattr(evaluation.metrics(who), name) for who in (*VERSIONS, *BASELINES)}
-    values["random candidate"] = getattr(chance_of(evaluation.rows), name)
-    return [
-        Row(f"{way}, {BASELINES.get(who, who)}, {words}", None, mean(value))
-        for who, value in values.items()
-    ]
+    scores = {version: getattr(evaluation.metrics(version), WAYS[way]) for version in VERSIONS}
+    own = [Row(f"{way}, {who}, {words}", None, mean(score)) for who, score in scores.items()]
+    return own + baseline_rows(evaluation, way, tail=f", {words}")
