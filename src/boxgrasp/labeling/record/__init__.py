@@ -1,0 +1,1 @@
+"""The record of labels: a database in which nothing is overwritten."""
