@@ -44,8 +44,8 @@ def load_folder(folder: Path) -> Capture:
     Raises:
         CaptureError: a file is missing, damaged, or does not fit the others.
     """
-    told, warnings = _read_told(folder / "capture.json")
     camera = _read_json(folder / _CAMERA)
+    told, warnings = _read_told(folder / "capture.json")
     color = next((folder / name for name in _COLOR_NAMES if (folder / name).exists()), None)
     mask, robot_mask = folder / "mask.png", folder / "robot_mask.png"
     parts = FolderParts(

@@ -74,9 +74,7 @@ def read_color(source: Path | IO[bytes], size: tuple[int, int]) -> NDArray[np.ui
         return np.asarray(image.convert("RGB"))
 
 
-def read_mask(
-    source: Path | IO[bytes], size: tuple[int, int] | None = None
-) -> NDArray[np.bool_]:
+def read_mask(source: Path | IO[bytes], size: tuple[int, int] | None = None) -> NDArray[np.bool_]:
     """A mask.
 
     Args:

@@ -43,6 +43,7 @@ _TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,200}")  # fits a header, a cooki
 _VALID_TOKEN: Final = "valid: 16 to 200 letters, digits, '-', '_', '.' or '~'"
 _NAMES_OF_LOOPBACK: Final = frozenset(("localhost", "127.0.0.1", "[::1]"))
 _READING: Final = ("GET", "HEAD", "OPTIONS")  # methods that change nothing
+_POLICY_VIOLATION: Final = 1008  # of WebSockets; before one opens, the server answers 403
 _PORTS: Final = {"http": 80, "https": 443}  # where an address names none
 _VIEW: Final = "/view/"  # the 3D client, a page of viser that is not ours
 
@@ -180,16 +181,16 @@ def _given_token(token_file: str | None, environment: Mapping[str, str]) -> str 
             what = getattr(error, "strerror", None) or "is no text"
             raise ConfigError(f"{place}: {what}; valid: a file that holds a token") from None
     if not _TOKEN.fullmatch(token):
-        raise ConfigError(f"{place} holds {len(token)} characters that are no token; {_VALID_TOKEN}")
+        raise ConfigError(
+            f"{place} holds {len(token)} characters that are no token; {_VALID_TOKEN}"
+        )
     return token
 
 
 class Guard:
     """The layer: every HTTP request and WebSocket passes it before the app sees it."""
 
-    def __init__(
-        self, app: App, access: Access, limits: UploadLimits | None = None
-    ) -> None:
+    def __init__(self, app: App, access: Access, limits: UploadLimits | None = None) -> None:
         """Stand before an app.
 
         Args:
@@ -214,9 +215,10 @@ class Guard:
         headers = _headers(scope)
         refused = self._refusal(scope, headers)
         if scope["type"] == "websocket":
-            if refused is not None:
-                return await _refuse_socket(scope, receive, send, refused)
-            return await self._app(scope, receive, send)
+            if refused is None:
+                return await self._app(scope, receive, send)
+            await receive()
+            return await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
         send = _with_headers(send, str(scope["path"]))
         if refused is not None:
             return await _answer(send, headers, *refused)
@@ -262,7 +264,9 @@ class Guard:
         """Let the app answer a request whose body stays within the limit, else refuse it."""
         told = headers.get("content-length", "0")
         if not (told.isascii() and told.isdigit()):
-            return await _answer(send, headers, 400, f"Content-Length is {told!r:.40}; valid: bytes")
+            return await _answer(
+                send, headers, 400, f"Content-Length is {told!r:.40}; valid: bytes"
+            )
         if int(told[:20]) > self._most_bytes:
             await _drain(receive, self._most_bytes)
             return await _answer(send, headers, 413, self._too_large(f"{int(told[:20])} bytes"))
@@ -365,7 +369,9 @@ def _with_headers(send: Send, path: str) -> Send:
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
             names = {name.lower() for name, _ in message.get("headers", ())}
-            kept = [pair for pair in message.get("headers", ()) if pair[0].lower().decode() not in ours]
+            kept = [
+                pair for pair in message.get("headers", ()) if pair[0].lower().decode() not in ours
+            ]
             added = [(name.encode(), value.encode()) for name, value in ours.items()]
             if b"cache-control" not in names:
                 added.append((b"cache-control", b"no-store"))
@@ -408,18 +414,3 @@ async def _respond(
     start = {"type": "http.response.start", "status": status, "headers": [*headers, length]}
     await send(start)
     await send({"type": "http.response.body", "body": body})
-
-
-async def _refuse_socket(
-    scope: Scope, receive: Receive, send: Send, refused: tuple[int, str]
-) -> None:
-    """Refuse a WebSocket before it opens, with the line where the server can send one."""
-    await receive()
-    status, line = refused
-    if "websocket.http.response" not in scope.get("extensions", {}):
-        return await send({"type": "websocket.close", "code": 1008, "reason": line[:100]})
-    body = json.dumps({"error": line}).encode()
-    headers = [(b"content-type", b"application/json")]
-    start = {"type": "websocket.http.response.start", "status": status, "headers": headers}
-    await send(start)
-    await send({"type": "websocket.http.response.body", "body": body})
