@@ -120,14 +120,30 @@ def row_of(config: RowConfig, number: int, operator: Operator = STAND_IN) -> Row
     Raises:
         SceneError: a target that the objects do not have, or no such scene.
     """
+    scenario = scenario_of_row(config, number // config.runs)
+    return scenario_row(scenario, view_of_row(config, number), config, operator)
+
+
+def view_of_row(config: RowConfig, number: int) -> ScenarioView:
+    """What the camera sees of a row's scenario.
+
+    Args:
+        config: of the set.
+        number: of the row.
+
+    Returns:
+        The view, with its further frames.
+
+    Raises:
+        SceneError: a target that the objects do not have, or no such scene.
+    """
     number, run = divmod(number, config.runs)
     scenario = scenario_of_row(config, number)
     first = run * config.frames
     (capture, object_ids), *others = [
         scenario.capture(config.recipe.noise, first + k) for k in range(config.frames)
     ]
-    view = ScenarioView(capture, object_ids, run, [scan for scan, _ in others])
-    return scenario_row(scenario, view, config, operator)
+    return ScenarioView(capture, object_ids, run, [scan for scan, _ in others])
 
 
 @lru_cache(maxsize=2)
