@@ -77,6 +77,8 @@ SCENES = Table(
     # In [0, 1), of the key alone: below a share, the scene is one of that share.
     Column("second_draw", Double, nullable=False),
     Column("again_draw", Double, nullable=False),
+    Index("scenes_drawn_for_second", "second_draw"),
+    Index("scenes_drawn_for_again", "again_draw"),
 )
 
 # In which order a source has its scenes, and what it calls them.
@@ -87,7 +89,7 @@ SOURCES = Table(
     Column("scene_key", ForeignKey("scenes.key"), primary_key=True),
     Column("position", BigInteger, nullable=False),
     Column("name", Text, nullable=False),
-    Index("source_scenes_in_order", "source", "position"),
+    Index("source_scenes_in_order", "source", "position", "scene_key"),
 )
 
 LABELS = Table(
@@ -120,7 +122,7 @@ LABELS = Table(
     CheckConstraint(
         "verdict <> 'withdrawn' OR supersedes IS NOT NULL", name="labels_withdrawn_supersedes"
     ),
-    Index("labels_of_scene", "scene_key"),
+    Index("labels_of_scene", "scene_key", "operator"),
     Index("labels_of_operator", "operator", "labeled_at"),
 )
 

@@ -180,57 +180,48 @@ def _turn(connection: sa.Connection, key: str, wish: Wish) -> Turn | None:
     return Turn(scene, again=own > 0, second=others > 0)
 
 
-def _keys(wish: Wish) -> sa.Select[Any]:
-    """Keys of the source's scenes that are neither passed over nor with somebody else."""
-    taken = sa.exists().where(
-        LEASES.c.scene_key == SOURCES.c.scene_key,
-        LEASES.c.operator != wish.operator,
-        LEASES.c.expires_at > wish.now,
-    )
-    query = sa.select(SOURCES.c.scene_key).where(
-        SOURCES.c.source == wish.source, ~taken.correlate(SOURCES)
-    )
-    if wish.skip:
-        query = query.where(SOURCES.c.scene_key.not_in(sorted(wish.skip)))
-    return query.limit(_AT_ONCE)
-
-
 def _listed(connection: sa.Connection, query: sa.Select[Any]) -> list[str]:
-    return list(connection.scalars(query))
+    return list(connection.scalars(query.limit(_AT_ONCE)))
+
+
+def _free(key: sa.ColumnElement[str], wish: Wish) -> sa.ColumnElement[bool]:
+    """Whether a scene is neither passed over nor with somebody else."""
+    taken = sa.select(LEASES.c.scene_key).where(
+        LEASES.c.operator != wish.operator, LEASES.c.expires_at > wish.now
+    )
+    return sa.and_(key.not_in(taken), key.not_in(sorted(wish.skip)))
 
 
 def _own_ones(connection: sa.Connection, wish: Wish) -> list[str]:
     """What the operator has: after a reload, or a restart, the same comes back."""
-    query = _keys(wish).join(LEASES, LEASES.c.scene_key == SOURCES.c.scene_key)
-    query = query.where(LEASES.c.operator == wish.operator)
-    return _listed(connection, query.order_by(LEASES.c.given_at, SOURCES.c.position))
+    query = sa.select(LEASES.c.scene_key).where(
+        LEASES.c.operator == wish.operator,
+        LEASES.c.scene_key.not_in(sorted(wish.skip)),
+        _in_source(LEASES.c.scene_key, wish),
+    )
+    return _listed(connection, query.order_by(LEASES.c.given_at, LEASES.c.scene_key))
 
 
 def _new_ones(connection: sa.Connection, wish: Wish) -> list[str]:
     """Scenes without a label that stands, in the source's order."""
     labeled = sa.exists().where(LABELS.c.scene_key == SOURCES.c.scene_key, stands())
-    query = _keys(wish).where(~labeled.correlate(SOURCES))
+    query = sa.select(SOURCES.c.scene_key).where(
+        SOURCES.c.source == wish.source,
+        ~labeled.correlate(SOURCES),
+        _free(SOURCES.c.scene_key, wish),
+    )
     return _listed(connection, query.order_by(SOURCES.c.position, SOURCES.c.scene_key))
 
 
 def _second_ones(connection: sa.Connection, wish: Wish) -> list[str]:
     """Scenes that one other operator labeled and that are to have two, the oldest label first."""
-    share = wish.rules.second_share
-    if share <= 0.0:
+    if wish.rules.second_share <= 0.0:
         return []
-    theirs = sa.func.sum(sa.case((LABELS.c.operator == wish.operator, 1), else_=0))
-    query = _twice(wish).where(SCENES.c.second_draw < share)
-    query = query.having(sa.func.count(LABELS.c.operator.distinct()) == 1, theirs == 0)
-    return _listed(connection, query.order_by(sa.func.min(LABELS.c.labeled_at)))
-
-
-def _again(wish: Wish) -> sa.Select[Any]:
-    """Scenes that this operator labeled once and that are to come twice."""
-    query = _twice(wish).where(
-        SCENES.c.again_draw < wish.rules.again_share, LABELS.c.operator == wish.operator
+    mine = sa.func.sum(sa.case((LABELS.c.operator == wish.operator, 1), else_=0))
+    query = _labeled(wish, SCENES.c.second_draw < wish.rules.second_share)
+    return _listed(
+        connection, query.having(sa.func.count(LABELS.c.operator.distinct()) == 1, mine == 0)
     )
-    query = query.having(sa.func.count() == 1)
-    return query.order_by(sa.func.min(LABELS.c.labeled_at))
 
 
 def _spaced_ones(connection: sa.Connection, wish: Wish) -> list[str]:
@@ -254,10 +245,27 @@ def _soon_ones(connection: sa.Connection, wish: Wish) -> list[str]:
     return _listed(connection, _again(wish)) if wish.rules.again_share > 0.0 else []
 
 
-def _twice(wish: Wish) -> sa.Select[Any]:
-    query = _keys(wish).join(SCENES, SCENES.c.key == SOURCES.c.scene_key)
-    query = query.join(LABELS, LABELS.c.scene_key == SOURCES.c.scene_key).where(stands())
-    return query.group_by(SOURCES.c.scene_key)
+def _again(wish: Wish) -> sa.Select[Any]:
+    """Scenes that this operator labeled once and that are to come twice."""
+    query = _labeled(wish, SCENES.c.again_draw < wish.rules.again_share)
+    return query.where(LABELS.c.operator == wish.operator).having(sa.func.count() == 1)
+
+
+def _labeled(wish: Wish, drawn: sa.ColumnElement[bool]) -> sa.Select[Any]:
+    """Scenes of the source with labels that stand; few are drawn, and all else is asked of them."""
+    key = LABELS.c.scene_key
+    query = sa.select(key).where(
+        key.in_(sa.select(SCENES.c.key).where(drawn)),
+        stands(),
+        _in_source(key, wish),
+        _free(key, wish),
+    )
+    return query.group_by(key).order_by(sa.func.min(LABELS.c.labeled_at), key)
+
+
+def _in_source(key: sa.ColumnElement[str], wish: Wish) -> sa.ColumnElement[bool]:
+    found = sa.exists().where(SOURCES.c.source == wish.source, SOURCES.c.scene_key == key)
+    return found.correlate_except(SOURCES)
 
 
 def _last_was_twice(connection: sa.Connection, wish: Wish) -> bool:

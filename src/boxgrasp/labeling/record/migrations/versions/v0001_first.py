@@ -47,6 +47,8 @@ def _make_scenes() -> None:
         sa.Column("second_draw", sa.Double, nullable=False),
         sa.Column("again_draw", sa.Double, nullable=False),
     )
+    op.create_index("scenes_drawn_for_second", "scenes", ["second_draw"])
+    op.create_index("scenes_drawn_for_again", "scenes", ["again_draw"])
     op.create_table(
         "source_scenes",
         sa.Column("source", sa.Text, primary_key=True),
@@ -54,7 +56,7 @@ def _make_scenes() -> None:
         sa.Column("position", sa.BigInteger, nullable=False),
         sa.Column("name", sa.Text, nullable=False),
     )
-    op.create_index("source_scenes_in_order", "source_scenes", ["source", "position"])
+    op.create_index("source_scenes_in_order", "source_scenes", ["source", "position", "scene_key"])
 
 
 def _make_labels() -> None:
@@ -88,7 +90,7 @@ def _make_labels() -> None:
             "verdict <> 'withdrawn' OR supersedes IS NOT NULL", name="labels_withdrawn_supersedes"
         ),
     )
-    op.create_index("labels_of_scene", "labels", ["scene_key"])
+    op.create_index("labels_of_scene", "labels", ["scene_key", "operator"])
     op.create_index("labels_of_operator", "labels", ["operator", "labeled_at"])
 
 
