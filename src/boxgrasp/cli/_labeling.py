@@ -196,7 +196,7 @@ def _serve(
     desk = Desk(*desk_of, learner)
 
     def ready(url: str) -> None:
-        print(f"{len(desk.scenes)} scenes; labels go to {record}")
+        print(f"{len(desk.scenes)} scenes; labels go to {record.name}")
         print(f"the page: {url}  (stop with Ctrl-C)", flush=True)
 
     desk.warm_up()
