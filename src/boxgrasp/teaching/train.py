@@ -111,7 +111,12 @@ def object_set_of(recipe: Recipe) -> str:
 
 
 def examples(
-    rows: Mapping[str, Array], svm: Svm, lines: int, edge_m: float | None
+    rows: Mapping[str, Array],
+    svm: Svm,
+    lines: int,
+    edge_m: float | None,
+    *,
+    least_classes: int = 2,
 ) -> tuple[Points, Array]:
     """What one SVM learns from labeled rows, their target's points given.
 
@@ -120,13 +125,14 @@ def examples(
         svm: which one.
         lines: l, lines a face.
         edge_m: what box dimensions are divided by, m; None for each box's own.
+        least_classes: how many classes there must be.
 
     Returns:
         (N, F) float32 features and (N,) int64 classes: of all rows, or of those whose labeled
         face is the part's. The request for help is class 5 l + 1, or face 6; lines never see it.
 
     Raises:
-        ConfigError: fewer than two classes, rows without a label, or labels that there are not.
+        ConfigError: fewer classes, rows without a label, or labels that there are not.
     """
     label = rows["label"]
     if len(label) == 0 or label.min() < 1:
@@ -136,7 +142,7 @@ def examples(
     face, line = (label - 1) // lines + 1, (label - 1) % lines + 1
     which = _taught_by(svm, face)
     y = {"single": label, "face": face}.get(svm.part, line)[which]
-    if len(np.unique(y)) < 2:
+    if len(np.unique(y)) < least_classes:
         raise ConfigError(
             f"{svm.name}: {len(y)} examples of {len(np.unique(y))} class; valid: at least two "
             "classes (more labels)"
