@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -240,7 +240,6 @@ def kept_rows(
     workers: Workers,
     config: Config,
     title: str = "rows",
-    on_row: Callable[[], None] | None = None,
 ) -> dict[str, Rows]:
     """The row of each scene, without a label; made where it is not kept yet.
 
@@ -250,7 +249,6 @@ def kept_rows(
         workers: who makes rows.
         config: of the package, for captures.
         title: as `lessons_of`.
-        on_row: called with each row that is there.
 
     Returns:
         One row by each scene's key.
@@ -262,7 +260,7 @@ def kept_rows(
     """
     store, names = captures.store, {scene.key: _row_name(scene, config) for scene in scenes}
     tasks = {names[scene.key]: (scene, store.place, config) for scene in scenes}
-    finish(store, tasks, row_bytes, _Counted(workers, on_row), title)
+    finish(store, tasks, row_bytes, workers, title)
     return {key: from_parquet(store.read(name)) for key, name in names.items()}
 
 
@@ -300,19 +298,6 @@ class _Nobody:
 
     def label(self, shown: Shown, rng: np.random.Generator) -> Label:
         return Label(None, "")
-
-
-class _Counted:
-    """Workers that tell of each result."""
-
-    def __init__(self, workers: Workers, on_row: Callable[[], None] | None) -> None:
-        self._workers, self._on_row = workers, on_row
-
-    def run(self, function: Any, tasks: Sequence[Any]) -> Any:
-        for found in self._workers.run(function, tasks):
-            yield found
-            if self._on_row is not None:
-                self._on_row()
 
 
 @lru_cache(maxsize=4)
