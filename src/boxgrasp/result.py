@@ -24,6 +24,9 @@ from boxgrasp.sensing.capture import Capture
 from boxgrasp.strict import build
 
 SCHEMA = 2
+# Why a person is asked: codes of a `Refusal`.
+NO_CANDIDATE_PASSES = "no_candidate_passes"
+RANKER_ASKS = "ranker_asks"  # it predicts that its operator would help, whatever passes
 JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
 
 
@@ -162,10 +165,12 @@ class Refusal:
     """Why a person is asked.
 
     Attributes:
-        code: `no_candidate_passes`.
+        code: `no_candidate_passes`, or `ranker_asks` where the ranker predicts that its operator
+            would help.
         message: one sentence.
-        nearest_label: label of the candidate that failed fewest checks, and those by least.
-        violations: the checks that it failed.
+        nearest_label: label of the best candidate that passes, which only a ranker that asks
+            leaves; else of the one that failed fewest checks, and those by least.
+        violations: the checks that it failed; none where it passes.
     """
 
     code: str

@@ -41,6 +41,11 @@ class Store:
         elif "://" in self.place:
             self._remote, self._root = _file_system(self.place)
 
+    @property
+    def folder(self) -> str | None:
+        """The folder on this machine; None for a URL."""
+        return None if self._remote is not None else self._root
+
     def __str__(self) -> str:
         return _without_password(self.place.rstrip("/"))
 

@@ -24,7 +24,7 @@ from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import LINES
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
-from boxgrasp.ranking.model_set import SAMPLINGS
+from boxgrasp.ranking.model_set import SAMPLINGS, help_label
 from boxgrasp.ranking.sampling import RESOLUTION_M
 from boxgrasp.selector import GraspSelector, SceneAnalysis
 from boxgrasp.sensing.capture import Capture
@@ -120,14 +120,30 @@ def row_of(config: RowConfig, number: int, operator: Operator = STAND_IN) -> Row
     Raises:
         SceneError: a target that the objects do not have, or no such scene.
     """
+    scenario = scenario_of_row(config, number // config.runs)
+    return scenario_row(scenario, view_of_row(config, number), config, operator)
+
+
+def view_of_row(config: RowConfig, number: int) -> ScenarioView:
+    """What the camera sees of a row's scenario.
+
+    Args:
+        config: of the set.
+        number: of the row.
+
+    Returns:
+        The view, with its further frames.
+
+    Raises:
+        SceneError: a target that the objects do not have, or no such scene.
+    """
     number, run = divmod(number, config.runs)
     scenario = scenario_of_row(config, number)
     first = run * config.frames
     (capture, object_ids), *others = [
         scenario.capture(config.recipe.noise, first + k) for k in range(config.frames)
     ]
-    view = ScenarioView(capture, object_ids, run, [scan for scan, _ in others])
-    return scenario_row(scenario, view, config, operator)
+    return ScenarioView(capture, object_ids, run, [scan for scan, _ in others])
 
 
 @lru_cache(maxsize=2)
@@ -177,7 +193,8 @@ def scenario_row(
         if source == "given":
             given_obstacles = _obstacle_points(analysis)
             label = operator.label(shown(analysis, chosen), scenario.rng(OPERATOR))
-            row |= {"label": label.label, "label_source": label.source}
+            said = help_label(config.lines) if label.label is None else label.label
+            row |= {"label": said, "label_source": label.source}
         columns = _analysis_columns(analysis, scenario)
         if given_obstacles is not None:
             T, half_m = analysis.context.candidates.T_base_gripper, chosen.config.gripper.half_m

@@ -187,6 +187,26 @@ class Record:
                     return turn
         return None
 
+    def hold(self, scene_key: str, operator: str, rules: TurnRules, now: datetime) -> bool:
+        """Let an operator have one scene, whatever labels it has.
+
+        Args:
+            scene_key: of the scene.
+            operator: who wants it.
+            rules: for how long.
+            now: when.
+
+        Returns:
+            Whether it is this operator's now; False where somebody else has it.
+
+        Raises:
+            LabelError: no such scene.
+            StoreError: the database cannot be written.
+        """
+        self.scene(scene_key)
+        with self._database.writes() as connection:
+            return turns.hold(connection, scene_key, turns.Wish("", operator, rules, now))
+
     def renew(self, scene_key: str, operator: str, now: datetime) -> bool:
         """Let an operator keep a scene for longer.
 
@@ -292,6 +312,21 @@ class Record:
         """
         with self._database.reads() as connection:
             return labels.standing(connection, source, operator)
+
+    def find(self, id: str) -> OperatorLabel | None:
+        """A label by its id, whether it stands or not.
+
+        Args:
+            id: of the label.
+
+        Returns:
+            The label; None where there is none.
+
+        Raises:
+            StoreError: the database cannot be read.
+        """
+        with self._database.reads() as connection:
+            return labels.label_with(connection, id)
 
     def history(self, scene_key: str) -> list[OperatorLabel]:
         """Every row of a scene, superseded and withdrawn ones too.

@@ -110,6 +110,22 @@ def take(connection: sa.Connection, key: str, wish: Wish) -> Turn | None:
     return turn
 
 
+def hold(connection: sa.Connection, key: str, wish: Wish) -> bool:
+    """Give an operator a scene, whatever labels it has.
+
+    Args:
+        connection: of a transaction that writes.
+        key: of the scene.
+        wish: who asks.
+
+    Returns:
+        Whether it is this operator's now.
+    """
+    _claim(connection, key, wish)
+    mine = sa.and_(LEASES.c.scene_key == key, LEASES.c.operator == wish.operator)
+    return connection.scalar(sa.select(LEASES.c.scene_key).where(mine)) is not None
+
+
 def renew(connection: sa.Connection, key: str, operator: str, now: datetime) -> bool:
     """Let an operator keep a scene for longer.
 
