@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,24 +45,67 @@ def load_folder(folder: Path) -> Capture:
         CaptureError: a file is missing, damaged, or does not fit the others.
     """
     camera = _read_json(folder / _CAMERA)
-    intrinsics, size = _intrinsics(camera)
-    lens = _lens(camera)
     told, warnings = _read_told(folder / "capture.json")
-    raw = read_depth_png(_regular(folder / "depth.png"), size)
     color = next((folder / name for name in _COLOR_NAMES if (folder / name).exists()), None)
     mask, robot_mask = folder / "mask.png", folder / "robot_mask.png"
+    parts = FolderParts(
+        depth=_regular(folder / "depth.png"),
+        camera=camera,
+        told=told,
+        color=_regular(color) if color is not None else None,
+        mask=_regular(mask) if mask.exists() else None,
+        robot_mask=_regular(robot_mask) if robot_mask.exists() else None,
+    )
+    return capture_of_parts(parts).with_warnings(*warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class FolderParts:
+    """What a folder of a capture holds, wherever it comes from.
+
+    Attributes:
+        depth: path or open file of the 16-bit PNG.
+        camera: the object in intrinsics.json.
+        told: the object in capture.json.
+        color: path or open file of a PNG or JPEG, or None.
+        mask: path or open file of a PNG, or None.
+        robot_mask: path or open file of a PNG, or None.
+    """
+
+    depth: Path | IO[bytes]
+    camera: dict[str, Any]
+    told: Mapping[str, Any] = field(default_factory=dict)
+    color: Path | IO[bytes] | None = None
+    mask: Path | IO[bytes] | None = None
+    robot_mask: Path | IO[bytes] | None = None
+
+
+def capture_of_parts(parts: FolderParts) -> Capture:
+    """The capture that such parts make.
+
+    Args:
+        parts: of one capture.
+
+    Returns:
+        The capture.
+
+    Raises:
+        CaptureError: a part is damaged, or does not fit the others.
+    """
+    intrinsics, size = _intrinsics(parts.camera)
+    lens = _lens(parts.camera)
+    told, color, mask, robot_mask = parts.told, parts.color, parts.mask, parts.robot_mask
+    raw = read_depth_png(parts.depth, size)
     capture = Capture(
         (raw * _depth_scale(told)).astype(np.float32),
         intrinsics,
         told.get("T_base_camera"),
-        read_color(_regular(color), size) if color is not None else None,
-        read_mask(_regular(mask), size) if mask.exists() else None,
+        read_color(color, size) if color is not None else None,
+        read_mask(mask, size) if mask is not None else None,
         target_pixel=told.get("target_pixel"),
-        robot_mask=read_mask(_regular(robot_mask), size) if robot_mask.exists() else None,
+        robot_mask=read_mask(robot_mask, size) if robot_mask is not None else None,
     )
-    if lens is not None:
-        capture = undistorted(capture, lens, _CAMERA)
-    return capture.with_warnings(*warnings)
+    return capture if lens is None else undistorted(capture, lens, _CAMERA)
 
 
 def _regular(path: Path) -> Path:
@@ -180,7 +225,7 @@ def _read_told(path: Path) -> tuple[dict[str, Any], list[CodedWarning]]:
     return found, warnings
 
 
-def _depth_scale(told: dict[str, Any]) -> float:
+def _depth_scale(told: Mapping[str, Any]) -> float:
     scale = told.get("depth_scale", _MILLIMETER)
     if not _is_number(scale) or not 1e-6 <= float(scale) <= 0.1:
         raise CaptureError(

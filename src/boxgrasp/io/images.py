@@ -57,11 +57,11 @@ def png_size(source: IO[bytes]) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
+def read_color(source: Path | IO[bytes], size: tuple[int, int]) -> NDArray[np.uint8]:
     """A color image.
 
     Args:
-        source: path of a PNG or JPEG.
+        source: path of a PNG or JPEG, or an open file.
         size: (width, height) that it must have.
 
     Returns:
@@ -70,15 +70,15 @@ def read_color(source: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
     Raises:
         CaptureError: another format or size.
     """
-    with _open(source, ("PNG", "JPEG"), size, source.name) as image:
+    with _open(source, ("PNG", "JPEG"), size, _name_of(source, "color")) as image:
         return np.asarray(image.convert("RGB"))
 
 
-def read_mask(source: Path, size: tuple[int, int] | None = None) -> NDArray[np.bool_]:
+def read_mask(source: Path | IO[bytes], size: tuple[int, int] | None = None) -> NDArray[np.bool_]:
     """A mask.
 
     Args:
-        source: path of a PNG.
+        source: path of a PNG, or an open file.
         size: (width, height) that it must have, or None for any.
 
     Returns:
@@ -87,7 +87,7 @@ def read_mask(source: Path, size: tuple[int, int] | None = None) -> NDArray[np.b
     Raises:
         CaptureError: another format or size.
     """
-    with _open(source, ("PNG",), size, source.name) as image:
+    with _open(source, ("PNG",), size, _name_of(source, "mask")) as image:
         if "A" in image.mode:
             image = image.convert("LA" if image.mode == "LA" else "RGBA")
         pixels = np.asarray(image)
@@ -126,6 +126,10 @@ def write_object_image(path: str | os.PathLike[str], image: NDArray[np.int32]) -
     except OSError as error:
         what = error.strerror or str(error)
         raise BoxgraspError(f"object image {file} cannot be written: {what}") from None
+
+
+def _name_of(source: Path | IO[bytes], what: str) -> str:
+    return source.name if isinstance(source, Path) else what
 
 
 def _open(

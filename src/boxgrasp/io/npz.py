@@ -28,11 +28,13 @@ _REQUIRED: Final = KEYS[:2]
 _MAX_BYTES: Final = 1 << 29  # unpacked, an array: as float64, the pixels that any reader takes
 
 
-def load_npz(path: Path) -> Capture:
+def load_npz(source: Path | IO[bytes], most_bytes: int | None = None) -> Capture:
     """A capture of a numpy archive.
 
     Args:
-        path: of an .npz with the arrays named in `KEYS`; others are passed over.
+        source: path of an .npz, or an open file, with the arrays named in `KEYS`; others are
+            passed over.
+        most_bytes: of these arrays together, unpacked; None bounds each alone.
 
     Returns:
         The capture.
@@ -41,12 +43,15 @@ def load_npz(path: Path) -> Capture:
         CaptureError: no numpy archive, truncated, pickled objects, or no usable view.
     """
     arrays: dict[str, Any] = {}
-    with zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(source) as archive:
         names = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         for key in _REQUIRED:
             if key not in names:
                 found = ", ".join(sorted(names)[:8]) or "nothing"
                 raise CaptureError(f"archive holds {found}; valid: {', '.join(_REQUIRED)}")
+        held = sum(names[key].file_size for key in KEYS if key in names)
+        if most_bytes is not None and held > most_bytes:
+            raise CaptureError(f"archive unpacks to {held} bytes; valid: at most {most_bytes}")
         for key in KEYS:
             if key in names:
                 arrays[key] = _read_array(archive, names[key], key)

@@ -43,9 +43,24 @@ def load_pose(path: str | os.PathLike[str]) -> Floats:
     """
     place = Path(path)
     with refusals_of(place):
-        pose = validate_pose(_matrix(_read(place)))
-        assert pose is not None
-        return pose
+        return pose_of(_read(place))
+
+
+def pose_of(found: Any) -> Floats:
+    """The same pose of what stands in such a file.
+
+    Args:
+        found: lists, numbers and objects as JSON has them.
+
+    Returns:
+        (4, 4) float64 T_base_camera, m, read-only.
+
+    Raises:
+        CaptureError: no rigid transform in meters.
+    """
+    pose = validate_pose(_matrix(found))
+    assert pose is not None
+    return pose
 
 
 def _read(path: Path) -> Any:

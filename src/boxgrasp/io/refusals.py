@@ -15,11 +15,11 @@ _log = logging.getLogger("boxgrasp.io")
 
 
 @contextmanager
-def refusals_of(place: Path) -> Iterator[None]:
+def refusals_of(place: Path | str) -> Iterator[None]:
     """Turn what is raised within into an error that names the path.
 
     Args:
-        place: what is read.
+        place: what is read: a path, or a name for what came without one.
 
     Yields:
         Nothing.

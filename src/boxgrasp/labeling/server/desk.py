@@ -1,0 +1,212 @@
+"""What all operators at the page share: the scenes, the record, the robot's proposals."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Collection
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from typing import Final, Literal
+
+from boxgrasp.config import Config
+from boxgrasp.errors import BoxgraspError
+from boxgrasp.labeling.captures import CaptureStore
+from boxgrasp.labeling.learning import Learner
+from boxgrasp.labeling.record import Record
+from boxgrasp.labeling.server.prepared import PreparedScene, prepare
+from boxgrasp.labeling.sources import load_scene
+from boxgrasp.labeling.words import LabelScene, Turn, TurnRules
+from boxgrasp.selector import GraspSelector
+
+Mode = Literal["label", "assist"]
+_KEPT_SCENES: Final = 12  # prepared, of all operators; 2 MB each, 30 with their captures
+
+
+@dataclass(frozen=True)
+class DeskRules:
+    """How the page behaves.
+
+    Attributes:
+        mode: `label`, the operator chooses unasked; `assist`, the robot proposes.
+        turns: which scenes come twice, and for how long one is an operator's.
+        operator: the name that the page starts with; empty asks for one.
+    """
+
+    mode: Mode = "label"
+    turns: TurnRules = TurnRules()
+    operator: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Unshowable:
+    """A scene that cannot be shown.
+
+    Attributes:
+        scene: that one.
+        reason: one sentence.
+    """
+
+    scene: LabelScene
+    reason: str
+
+
+class Desk:
+    """Scenes for operators; safe from several threads.
+
+    Args:
+        record: of the labels.
+        source: name of the source, as its scenes were added to the record.
+        captures: where the captures are kept.
+        config: of the robot: hand, box, checks, ranker.
+        rules: of the page.
+        learner: trains from the labels; None where its extra is missing.
+
+    Attributes:
+        scenes: of the source, in its order.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        source: str,
+        captures: CaptureStore,
+        config: Config,
+        rules: DeskRules,
+        learner: Learner | None = None,
+    ) -> None:
+        self.record, self.source, self.captures = record, source, captures
+        self.rules, self.learner = rules, learner
+        self.scenes = tuple(record.scenes(source))
+        self._numbers = {scene.key: k for k, scene in enumerate(self.scenes, start=1)}
+        self._config = config
+        self._selectors: dict[tuple[str, str, int, str], GraspSelector] = {}
+        self._prepared: OrderedDict[str, Future[PreparedScene | Unshowable]] = OrderedDict()
+        self._lock = threading.Lock()
+        # One thread: two preparations side by side would make both late, and one is awaited.
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="prepare")
+        self._proposing: tuple[str, str | None] = (config.ranker, config.models)
+
+    def warm_up(self) -> None:
+        """Compile or load every kernel, so that the first scene is as quick as the next."""
+        GraspSelector(self._config).warm_up()
+
+    def close(self) -> None:
+        """Stop preparing."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def number_of(self, key: str) -> int | None:
+        """A scene's number in the source.
+
+        Args:
+            key: of the scene.
+
+        Returns:
+            From 1; None for one that is not of the source, as the robot's questions are.
+        """
+        return self._numbers.get(key)
+
+    @property
+    def model(self) -> str:
+        """What proposes: the ranker's name, and the folder of its models where they are own ones."""
+        ranker, models = self._proposing
+        return ranker if models is None else f"{ranker} {models}"
+
+    def propose_with(self, ranker: str, models: str | None) -> None:
+        """Let another ranker propose from now on.
+
+        Args:
+            ranker: its name.
+            models: folder of its models, None for those that ship.
+
+        Raises:
+            BoxgraspError: no such ranker, or its models cannot be used.
+        """
+        GraspSelector(replace(self._config, ranker=ranker, models=models))
+        with self._lock:
+            self._proposing = (ranker, models)
+            self._selectors.clear()
+            self._prepared.clear()
+
+    def selector(self, scene: LabelScene) -> GraspSelector:
+        """The selector that answers a scene as it is labeled.
+
+        Args:
+            scene: to be shown.
+
+        Returns:
+            One for all scenes of the same kind.
+
+        Raises:
+            BoxgraspError: the ranker's models are for another number of lines.
+        """
+        key = (scene.kind, scene.box_kind, scene.lines, self.model)
+        with self._lock:
+            if key not in self._selectors:
+                self._selectors[key] = GraspSelector(self._config_of(scene))
+            return self._selectors[key]
+
+    def _config_of(self, scene: LabelScene) -> Config:
+        ranker, models = self._proposing
+        fit: Literal["aligned", "yaw"] = "aligned" if scene.box_kind == "aligned" else "yaw"
+        candidates = replace(self._config.candidates, lines=scene.lines)
+        if scene.kind == "scenario":  # the thesis's poses, as the rows of its set have them
+            candidates = replace(candidates, refine="none")
+        return replace(
+            self._config,
+            box=replace(self._config.box, fit=fit),
+            candidates=candidates,
+            ranker=ranker,
+            models=models,
+        )
+
+    def prepared(self, scene: LabelScene) -> Future[PreparedScene | Unshowable]:
+        """A scene made ready, in the background.
+
+        Args:
+            scene: which one.
+
+        Returns:
+            What will be shown, or why it cannot be.
+        """
+        with self._lock:
+            held = self._prepared.get(scene.key)
+            if held is None:
+                held = self._pool.submit(self._prepare, scene)
+                self._prepared[scene.key] = held
+            self._prepared.move_to_end(scene.key)
+            while len(self._prepared) > _KEPT_SCENES:
+                self._prepared.popitem(last=False)
+            return held
+
+    def _prepare(self, scene: LabelScene) -> PreparedScene | Unshowable:
+        try:
+            loaded = load_scene(scene, self.captures)
+            return prepare(scene, loaded.capture, loaded.target, self.selector(scene))
+        except BoxgraspError as error:
+            return Unshowable(scene, str(error))
+
+    def next_turn(self, operator: str, skip: Collection[str]) -> Turn | None:
+        """The scene that an operator is to label next.
+
+        Args:
+            operator: whose turn it is.
+            skip: keys of scenes that are passed over.
+
+        Returns:
+            The turn, or None where nothing is left.
+
+        Raises:
+            StoreError: the record cannot be read or written.
+        """
+        return self.record.next_turn(self.source, operator, self.rules.turns, now(), skip)
+
+
+def now() -> datetime:
+    """This moment, with its time zone.
+
+    Returns:
+        UTC.
+    """
+    return datetime.now(timezone.utc)
