@@ -262,7 +262,7 @@ def test_a_file_of_the_first_format_is_refused_in_one_line(tmp_path: Path) -> No
         ({"classes": [1]}, "classes are [1]; valid: two or more"),
         ({"classes": [2, 1]}, "classes are [2, 1]"),
         ({"classes": [0, 1]}, "classes are [0, 1]"),
-        ({"classes": [1, 16]}, "from 1 to 15"),
+        ({"classes": [1, 17]}, "from 1 to 16"),
         ({"classes": [1, 10**30]}, "valid"),
         ({"gamma": -1.0}, "gamma is -1.0"),
         ({"C": "much"}, "C is 'much'"),

@@ -117,6 +117,10 @@ class StoreError(BoxgraspError):
     """A folder or URL cannot be listed, read or written."""
 
 
+class LabelError(BoxgraspError):
+    """A label or a scene is not one, or contradicts what the record of labels holds."""
+
+
 class WorkError(BoxgraspError):
     """Workers cannot be started, reached, or kept alive."""
 

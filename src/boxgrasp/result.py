@@ -29,11 +29,15 @@ from boxgrasp.sensing.capture import Capture
 from boxgrasp.strict import build
 
 SCHEMA = 2
-PERSON = "person"  # the ranker of an answer whose candidate an operator took
-PERSON_WOULD_HELP = "person_would_help"  # a refusal: a person says that no candidate would do
-BOX_WRONG = "box_wrong"  # a refusal: a person says that the box is not the target's
-NOBODY_ANSWERED = "nobody_answered"  # a warning: a person was asked, and the time ran out
-PERSON_OVERRODE_CHECKS = "person_overrode_checks"  # a warning
+# Why a person is asked: codes of a `Refusal`.
+NO_CANDIDATE_PASSES = "no_candidate_passes"
+RANKER_ASKS = "ranker_asks"  # it predicts that its operator would help, whatever passes
+PERSON_WOULD_HELP = "person_would_help"  # a person says that no candidate would do
+BOX_WRONG = "box_wrong"  # a person says that the box is not the target's
+# Of an answer that a person was asked for.
+PERSON = "person"  # its ranker, where the person took a candidate
+PERSON_OVERRODE_CHECKS = "person_overrode_checks"  # a warning: that candidate failed some
+NOBODY_ANSWERED = "nobody_answered"  # a warning: the time ran out
 JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
 
 
@@ -208,10 +212,12 @@ class Refusal:
     """Why a person is asked.
 
     Attributes:
-        code: `no_candidate_passes`.
+        code: `no_candidate_passes`; `ranker_asks` where the ranker predicts that its operator
+            would help; `person_would_help` or `box_wrong` where a person was asked and said so.
         message: one sentence.
-        nearest_label: label of the candidate that failed fewest checks, and those by least.
-        violations: the checks that it failed.
+        nearest_label: label of the best candidate that passes, which only a ranker that asks
+            leaves; else of the one that failed fewest checks, and those by least.
+        violations: the checks that it failed; none where it passes.
     """
 
     code: str

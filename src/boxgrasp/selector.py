@@ -53,7 +53,16 @@ from boxgrasp.ranking.ranker import (
     validate_ranker,
     validate_ranking,
 )
-from boxgrasp.result import Candidate, CheckValue, Refusal, Selection, TargetBox, grasp_of
+from boxgrasp.result import (
+    NO_CANDIDATE_PASSES,
+    RANKER_ASKS,
+    Candidate,
+    CheckValue,
+    Refusal,
+    Selection,
+    TargetBox,
+    grasp_of,
+)
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.strict import build
 from boxgrasp.version import __version__
@@ -380,13 +389,18 @@ class GraspSelector:
         return maps, unexplained_cells(occupied, scene, box)
 
     def _answer(self, analysis: SceneAnalysis, ranking: Ranking) -> Selection:
-        """The first candidate in the order that passes; else the nearest, and why it fails."""
+        """The first candidate in the order that passes; else the nearest, and why it fails.
+
+        A ranker that asks is obeyed even where candidates pass, and where the checks are not
+        asked: its operator would have taken over there (6-1).
+        """
         config, scene, passing = self.config, analysis.scene, analysis.passing
         reports = _reports(analysis.context, ranking)
         allowed = [FACES.index(face) + 1 for face in config.candidates.faces]
+        wanted = [] if ranking.asks else ranking.order.tolist()
         chosen = next(
             (
-                row for row in ranking.order.tolist()
+                row for row in wanted
                 if passing[row] or (config.unchecked and reports[row].face in allowed)
             ),
             None,
@@ -400,7 +414,7 @@ class GraspSelector:
                 config.checks.pregrasp_distance_m,
                 float(ranking.confidence[chosen]),
             ),
-            refusal=_refusal(analysis.context, reports) if chosen is None else None,
+            refusal=_refusal(analysis, reports, ranking) if chosen is None else None,
             candidates=reports,
             box=_target_box(analysis),
             gripper=config.gripper,
@@ -528,19 +542,28 @@ def _values_of(said: CheckResult) -> list[CheckValue]:
     ]
 
 
-def _refusal(context: RankingContext, reports: Sequence[Candidate]) -> Refusal:
+def _refusal(analysis: SceneAnalysis, reports: Sequence[Candidate], ranking: Ranking) -> Refusal:
+    """Why a person is asked, and the candidate that comes nearest to a grasp."""
+    passing = [report for report in reports if analysis.passing[report.label - 1]]
+    if passing:
+        best = min(passing, key=lambda report: report.rank)
+        said = f"the ranker asks for help; the best that passes is {best.name}"
+        return Refusal(RANKER_ASKS, said, best.label, ())
+    nearest = _nearest(analysis.context, reports)
+    reasons = "; ".join(item.sentence for item in nearest.rejections)
+    said = f"no candidate passes; the nearest to it, {nearest.name}: {reasons}"
+    code = NO_CANDIDATE_PASSES
+    if ranking.asks:
+        code, said = RANKER_ASKS, f"the ranker asks for help, and {said}"
+    return Refusal(code, said, nearest.label, nearest.rejections)
+
+
+def _nearest(context: RankingContext, reports: Sequence[Candidate]) -> Candidate:
     """The candidate that fails fewest checks, then those by the least share of their limits."""
     results = context.check_results.values()
     failed = np.sum([~said.passed for said in results], axis=0)
     violation = np.sum([said.violation for said in results], axis=0)
-    nearest = min(reports, key=lambda c: (failed[c.label - 1], violation[c.label - 1], c.rank))
-    reasons = "; ".join(item.sentence for item in nearest.rejections)
-    return Refusal(
-        code="no_candidate_passes",
-        message=f"no candidate passes; the nearest to it, {nearest.name}: {reasons}",
-        nearest_label=nearest.label,
-        violations=nearest.rejections,
-    )
+    return min(reports, key=lambda c: (failed[c.label - 1], violation[c.label - 1], c.rank))
 
 
 def _target_box(analysis: SceneAnalysis) -> TargetBox:

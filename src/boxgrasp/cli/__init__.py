@@ -30,12 +30,14 @@ COMMANDS = {
     "warm-up": "compile every kernel once, so that no command waits for it later",
     "simulate": "cast a set of labeled scenarios with their truth",
     "train": "train the thesis's eight SVMs on a set",
+    "label": "serve the page on which an operator teaches the robot",
+    "assist": "serve the page on which the robot proposes and an operator decides",
     "evaluate": "hold every ranker against the truth of a set",
     "reproduce": "do the whole thesis again and write the report",
     "completion": "print what makes a shell complete commands, options and files",
 }
-_WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce")
-_WITH_KERNELS = ("select", "objects", "explain", "demo", "warm-up")
+_WITH_SCIPY = ("simulate", "train", "evaluate", "reproduce", "label", "assist")
+_WITH_KERNELS = ("select", "objects", "explain", "demo", "warm-up", "label", "assist")
 FAILED = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141

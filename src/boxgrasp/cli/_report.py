@@ -143,5 +143,5 @@ def _result(candidate: Candidate, selection: Selection) -> str:
     if selection.grasp is not None and candidate.label == selection.grasp.label:
         return "chosen" if candidate.passed else "chosen, unchecked"
     if selection.refusal is not None and candidate.label == selection.refusal.nearest_label:
-        return "rejected, nearest"
+        return "passes, not taken" if candidate.passed else "rejected, nearest"
     return "passes" if candidate.passed else "rejected"

@@ -249,7 +249,8 @@ def _lines(selection: Selection) -> tuple[tuple[Stroke, str], ...]:
     rejected = shown is not None and not shown.passed
     why = "why it is rejected" if rejected else "obstacle nearest to the gripper"
     if grasp is None:
-        hand = (Stroke(BLOCKED, 4.0, dash=(8.0, 5.0)), "nearest to passing, rejected")
+        words = "nearest to passing, rejected" if rejected else "the best that passes, not taken"
+        hand = (Stroke(BLOCKED, 4.0, dash=(8.0, 5.0)), words)
     else:
         way = Hand(selection.gripper, grasp.T_base_gripper, grasp.T_base_pregrasp).approach_m
         hand = (Stroke(GRIPPER, 4.0), f"gripper; faint: {100 * way:.3g} cm before")

@@ -162,3 +162,24 @@ class Agreement:
     scenes: int
     same: float
     kappa: float | None
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A robot that is stuck asks the operators; a label of origin `ask` on its scene answers.
+
+    Attributes:
+        id: a UUID, made by who asks, so that asking twice asks once.
+        scene_key: of the scene.
+        asked_at: when, with a time zone.
+        expires_at: from when on the answer is of no use any more.
+        asker: who asks, as operators read it.
+        selection: JSON text of the robot's own answer.
+    """
+
+    id: str
+    scene_key: str
+    asked_at: datetime
+    expires_at: datetime
+    asker: str
+    selection: str

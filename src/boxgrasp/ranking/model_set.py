@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from boxgrasp.arrays import Floats, Points
+from boxgrasp.arrays import Bools, Floats, Points
 from boxgrasp.errors import BoxgraspError, MissingExtraError, ModelError
 from boxgrasp.grasps.candidates import LEFT, TOP_PARALLEL
 from boxgrasp.mapping.local_map import LocalMap
@@ -31,6 +31,19 @@ Part = Literal["single", "face", "side", "top"]
 PARTS: tuple[Part, ...] = ("single", "face", "side", "top")
 SAMPLINGS = ("spiral", "grid")
 FACE_NUMBERS = range(1, 6)
+HELP_FACE = 6  # the thesis's sixth face: the operator would help
+
+
+def help_label(lines: int) -> int:
+    """The label of a request for help, as of the first line on the sixth face.
+
+    Args:
+        lines: l, lines a face.
+
+    Returns:
+        5 l + 1.
+    """
+    return 5 * lines + 1
 
 
 @dataclass(frozen=True)
@@ -108,6 +121,20 @@ class SampledScenes:
         )
 
 
+class Order(NamedTuple):
+    """Every candidate of N scenes, best first, and whether the operator would help.
+
+    Attributes:
+        labels: (N, 5 l) int64.
+        confidence: (N, 5 l) float64 in [0, 1], in the same order.
+        asks: (N,) bool, whether the prediction is to ask for help (6-1).
+    """
+
+    labels: Classes
+    confidence: Floats
+    asks: Bools
+
+
 class Decider(Protocol):
     """A trained classifier."""
 
@@ -142,46 +169,51 @@ class ModelSet:
     parts: Mapping[Part, Decider]
     lines: int
 
-    def order(self, scenes: SampledScenes) -> tuple[Classes, Floats]:
+    def order(self, scenes: SampledScenes) -> Order:
         """Every candidate of N scenes, best first.
 
         First the prediction, then by the decision values. Confidence is the share of
         one-against-one contests that a candidate won, 0 for one never seen in training; a
         cascade's lines share what lies between their face's confidence and the next face's. It
-        never rises along the order, and is no probability.
+        never rises along the order, and is no probability. Models that learned when the operator
+        would help may predict that; the candidates are ordered all the same.
 
         Args:
             scenes: N of them.
 
         Returns:
-            (N, 5 l) int64 labels and (N, 5 l) float64 confidences in the same order.
+            The order.
         """
         whole = single_features(scenes.whole, scenes.dimensions_m, self.largest_edge_m)
         if "single" in self.parts:
             return _decided(self.parts["single"], whole, 5 * self.lines)
-        faces, face_shares = _decided(self.parts["face"], whole, 5)
+        faces, face_shares, asks = _decided(self.parts["face"], whole, 5)
         decided = [self._lines(scenes, face) for face in FACE_NUMBERS]
         lines, line_shares = (np.stack(pair, axis=1) for pair in zip(*decided, strict=True))
         after = np.append(face_shares[:, 1:], np.zeros((len(faces), 1)), axis=1)
         between = face_shares - after
         chosen = np.take_along_axis(line_shares, (faces - 1)[:, :, None], axis=1)
         confidence = after[:, :, None] + between[:, :, None] * chosen
-        return cascaded(faces, lines), confidence.reshape(len(faces), -1)
+        return Order(cascaded(faces, lines), confidence.reshape(len(faces), -1), asks)
 
     def _lines(self, scenes: SampledScenes, face: int) -> tuple[Classes, Floats]:
         """(N, l) lines of one face, best first, and their shares."""
         X = line_features(scenes.portions[face], scenes.dimensions_m, face, self.largest_edge_m)
-        return _decided(self.parts["side" if is_side(face) else "top"], X, self.lines)
+        lines = _decided(self.parts["side" if is_side(face) else "top"], X, self.lines)
+        return lines.labels, lines.confidence
 
 
-def _decided(decider: Decider, X: Points, count: int) -> tuple[Classes, Floats]:
-    """(N, count) classes, best first, and the share of contests each won, never rising."""
+def _decided(decider: Decider, X: Points, count: int) -> Order:
+    """(N, count) classes, best first, and the share of contests each won, never rising.
+
+    The class after them is the request for help.
+    """
     predicted, decision = decider.decide(X)
     classes = ranked(predicted, decision, decider.classes, range(1, count + 1))
-    won = np.zeros((len(X), count))
+    won = np.zeros((len(X), count + 1))
     won[:, np.array(decider.classes) - 1] = decision / max(len(decider.classes) - 1, 1)
     shares = np.take_along_axis(np.clip(won, 0.0, 1.0), classes - 1, axis=1)
-    return classes, np.minimum.accumulate(shares, axis=1)
+    return Order(classes, np.minimum.accumulate(shares, axis=1), predicted > count)
 
 
 def read_models(version: str, read: Callable[[str], bytes]) -> dict[Part, Model]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxgrasp.arrays import Floats
-from boxgrasp.errors import BoxgraspError, CodedWarning, ConfigError
+from boxgrasp.errors import BoxgraspError, CodedWarning, ConfigError, shown
 from boxgrasp.geometry.box import Box
 from boxgrasp.grasps.candidates import LINES, Candidates
 from boxgrasp.grasps.checks import CheckResult
@@ -89,10 +89,12 @@ class Ranking:
     Attributes:
         order: (M,) int64, rows of the candidates, best first.
         confidence: (M,) float64 in [0, 1], of each candidate by its row.
+        asks: whether a person should be asked in place of taking any of them.
     """
 
     order: NDArray[np.int64]
     confidence: Floats
+    asks: bool = False
 
 
 class Ranker(Protocol):
@@ -204,7 +206,8 @@ def validate_ranking(ranker: Ranker, ranking: Ranking, count: int) -> Ranking:
         The same ranking.
 
     Raises:
-        BoxgraspError: not every candidate exactly once, or no confidence in [0, 1] for each.
+        BoxgraspError: not every candidate exactly once, no confidence in [0, 1] for each, or
+            `asks` that is neither true nor false.
     """
     order, confidence = np.asarray(ranking.order), np.asarray(ranking.confidence)
     if order.shape != (count,) or not np.array_equal(np.sort(order), np.arange(count)):
@@ -215,5 +218,9 @@ def validate_ranking(ranker: Ranker, ranking: Ranking, count: int) -> Ranking:
         raise BoxgraspError(
             f"ranker {ranker.name}: confidence is not {count} numbers from 0 to 1; valid: one a "
             "candidate, by its row"
+        )
+    if not isinstance(ranking.asks, bool | np.bool_):
+        raise BoxgraspError(
+            f"ranker {ranker.name}: asks is {shown(ranking.asks)}; valid: True or False"
         )
     return ranking

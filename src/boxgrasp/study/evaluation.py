@@ -19,7 +19,7 @@ from boxgrasp.forks import cached_property
 from boxgrasp.grasps.candidates import LINES, candidates_of
 from boxgrasp.grasps.checks import CheckResult
 from boxgrasp.grasps.gripper import Gripper
-from boxgrasp.ranking.model_set import VERSIONS, ModelSet, model_set_of, read_models
+from boxgrasp.ranking.model_set import VERSIONS, ModelSet, help_label, model_set_of, read_models
 from boxgrasp.ranking.ranker import SHIPPED, RankingContext, ranker_named
 from boxgrasp.simulate.scenario import targets_of
 from boxgrasp.study.metrics import (
@@ -87,8 +87,7 @@ def model_order(model_set: ModelSet, rows: Mapping[str, Array], target_source: s
     Returns:
         (N, 5 l) candidate indices, best first.
     """
-    labels, _ = model_set.order(sampled_scenes(rows, target_source, model_set.sampling))
-    return labels - 1
+    return model_set.order(sampled_scenes(rows, target_source, model_set.sampling)).labels - 1
 
 
 def plain_order(
@@ -166,7 +165,7 @@ class Evaluation:
     rows: Rows
     model_sets: Mapping[str, ModelSet]
     commonest: int | None = None
-    _orders: dict[tuple[str, str], Array] = field(default_factory=dict)
+    _orders: dict[tuple[str, str], tuple[Array, Array]] = field(default_factory=dict)
 
     def order(self, ranker: str, target_source: str = "given") -> Array:
         """What a ranker prefers.
@@ -181,33 +180,40 @@ class Evaluation:
         Raises:
             ModelError: models trained for another number of lines.
         """
+        return self._answers(ranker, target_source)[0]
+
+    def _answers(self, ranker: str, target_source: str) -> tuple[Array, Array]:
+        """The order of each row, and whether help is asked for in place of it."""
         key = ranker, target_source
         if key not in self._orders:
             self._orders[key] = self._ordered(ranker, target_source)
         return self._orders[key]
 
-    def _ordered(self, ranker: str, target_source: str) -> Array:
+    def _ordered(self, ranker: str, target_source: str) -> tuple[Array, Array]:
         count = self.rows[f"{target_source}_passes"].shape[1]
         every = np.tile(np.arange(count), (self.rows.count, 1))
+        asks = np.zeros(self.rows.count, dtype=np.bool_)
         if ranker == "operator":
-            every[:, 0] = self.rows["label"] - 1
-            return every
+            asks = self.rows["label"] == help_label(count // 5)
+            every[:, 0] = np.where(asks, 0, self.rows["label"] - 1)
+            return every, asks
         if ranker == "commonest" and self.commonest is not None:
             every[:, 0] = self.commonest
-            return every
+            return every, asks
         answered = self.answered(target_source)
         rows = self.rows.take(answered)
         model_set = self.model_sets.get(ranker)
         if model_set is None:
             every[answered] = plain_order(ranker, rows, target_source, count // 5)
-            return every
+            return every, asks
         if 5 * model_set.lines != count:
             raise ModelError(
                 f"{ranker} was trained for {model_set.lines} lines a face, the set has "
                 f"{count // 5}; valid: models trained for as many (--models DIR)"
             )
-        every[answered] = model_order(model_set, rows, target_source)
-        return every
+        found = model_set.order(sampled_scenes(rows, target_source, model_set.sampling))
+        every[answered], asks[answered] = found.labels - 1, found.asks
+        return every, asks
 
     def answered(self, target_source: str) -> Array:
         """Which rows have an answer.
@@ -234,10 +240,10 @@ class Evaluation:
         Raises:
             ModelError: models trained for another number of lines.
         """
-        ordered = self.order(ranker, target_source)
+        ordered, asks = self._answers(ranker, target_source)
         passes = self.rows[f"{target_source}_passes"]
         found = first_passing(ordered, passes) if checked else first_choice(ordered)
-        return np.where(self.answered(target_source), found, ASK)
+        return np.where(self.answered(target_source) & ~asks, found, ASK)
 
     def metrics(
         self, ranker: str, target_source: str = "given", *, checked: bool = False

@@ -24,7 +24,7 @@ from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import LINES
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
-from boxgrasp.ranking.model_set import SAMPLINGS
+from boxgrasp.ranking.model_set import SAMPLINGS, help_label
 from boxgrasp.ranking.sampling import RESOLUTION_M
 from boxgrasp.selector import GraspSelector, SceneAnalysis
 from boxgrasp.sensing.capture import Capture
@@ -193,7 +193,8 @@ def scenario_row(
         if source == "given":
             given_obstacles = _obstacle_points(analysis)
             label = operator.label(shown(analysis, chosen), scenario.rng(OPERATOR))
-            row |= {"label": label.label, "label_source": label.source}
+            said = help_label(config.lines) if label.label is None else label.label
+            row |= {"label": said, "label_source": label.source}
         columns = _analysis_columns(analysis, scenario)
         if given_obstacles is not None:
             T, half_m = analysis.context.candidates.T_base_gripper, chosen.config.gripper.half_m

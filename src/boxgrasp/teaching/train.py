@@ -18,7 +18,7 @@ from boxgrasp.execution import Store, Workers, finish
 from boxgrasp.grasps.candidates import LINES
 from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.ranking.features import line_features, single_features
-from boxgrasp.ranking.model_set import SVMS, SampledScenes, Svm
+from boxgrasp.ranking.model_set import HELP_FACE, SVMS, SampledScenes, Svm, help_label
 from boxgrasp.ranking.onnx.record import Record
 from boxgrasp.ranking.sampling import RESOLUTION_M, is_side
 from boxgrasp.strict import plain
@@ -61,14 +61,16 @@ def examples(
 
     Returns:
         (N, F) float32 features and (N,) int64 classes: of all rows, or of those whose labeled
-        face is the part's.
+        face is the part's. The request for help is class 5 l + 1, or face 6; lines never see it.
 
     Raises:
-        ConfigError: fewer than two classes, or rows without a label.
+        ConfigError: fewer than two classes, rows without a label, or labels that there are not.
     """
     label = rows["label"]
     if len(label) == 0 or label.min() < 1:
         raise ConfigError("rows without a label; valid: a set whose every row is labeled")
+    if label.max() > help_label(lines):
+        raise ConfigError(f"a label is {label.max()}; valid: 1 to {help_label(lines)}")
     face, line = (label - 1) // lines + 1, (label - 1) % lines + 1
     which = _taught_by(svm, face)
     y = {"single": label, "face": face}.get(svm.part, line)[which]
@@ -87,7 +89,8 @@ def _taught_by(svm: Svm, face: Array) -> Array:
     """(N,) indices of the rows that an SVM learns from; face: of each row's label."""
     if svm.part in ("single", "face"):
         return np.arange(len(face))
-    return np.flatnonzero([is_side(k) == (svm.part == "side") for k in face.tolist()])
+    sides = [k != HELP_FACE and is_side(k) == (svm.part == "side") for k in face.tolist()]
+    return np.flatnonzero(sides)
 
 
 def _line_examples(

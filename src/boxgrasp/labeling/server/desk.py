@@ -88,6 +88,10 @@ class Desk:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="prepare")
         self._proposing: tuple[str, str | None] = (config.ranker, config.models)
 
+    def warm_up(self) -> None:
+        """Compile or load every kernel, so that the first scene is as quick as the next."""
+        GraspSelector(self._config).warm_up()
+
     def close(self) -> None:
         """Stop preparing."""
         self._pool.shutdown(wait=False, cancel_futures=True)

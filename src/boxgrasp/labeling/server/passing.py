@@ -12,18 +12,23 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from boxgrasp.labeling.server.view import LOOPBACK
 
+# Its panel has no control of ours, and its notices would cover the cloud.
+_WITHOUT_PANEL: Final = (
+    b"<style>.mantine-Paper-root, .mantine-Notifications-root { display: none !important }</style>"
+)
 _LARGEST: Final = 64 * 2**20  # bytes of a message: a cloud of 50,000 points has 0.8 MB
 
 
 def client_page() -> bytes:
-    """The viser client, a page that holds all it needs.
+    """The viser client, a page that holds all it needs, with its own panel hidden.
 
     Returns:
         HTML.
     """
     import viser
 
-    return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    return page.replace(b"</head>", _WITHOUT_PANEL + b"</head>", 1)
 
 
 async def pass_through(browser: WebSocket, port: int) -> None:

@@ -264,6 +264,7 @@ class Session:
                 before = self._before(last)
                 if before is None:
                     record.withdraw(last.id, self.operator, str(uuid.uuid4()), now())
+                    record.hold(last.scene_key, self.operator, self._desk.rules.turns, now())
                     self._trail = [key for key in self._trail if key != last.scene_key]
                 else:
                     again = replace(
@@ -317,7 +318,7 @@ class Session:
             key = scenes[number - 1].key
             if self._shown is not None and self._shown.turn.scene.key == key:
                 return
-            if not self._desk.record.take(key, self.operator, self._desk.rules.turns, now()):
+            if not self._desk.record.hold(key, self.operator, self._desk.rules.turns, now()):
                 raise BoxgraspError(f"scene {number} is with another operator; valid: another one")
             self._put_aside()
             self._show_scene(key)
@@ -403,7 +404,7 @@ class Session:
     def _next_ask(self) -> Shown | None:
         record = self._desk.record
         for ask in record.open_asks(now()):
-            if not record.take(ask.scene_key, self.operator, self._desk.rules.turns, now()):
+            if not record.hold(ask.scene_key, self.operator, self._desk.rules.turns, now()):
                 continue
             scene = record.scene(ask.scene_key)
             found = self._desk.prepared(scene).result()

@@ -30,6 +30,8 @@ FACE_COLORS: Final[tuple[RGB, ...]] = (
     (0, 158, 115),
     (86, 180, 233),
 )
+_FACE_WORDS: Final = ("left", "front", "right", "top", "top")
+_LETTER_SCALE: Final = 1.6  # of viser's own letters, which are small on a tablet
 _BAR_M: Final = 0.005  # of a line's bar
 _CHOSEN_BAR_M: Final = 0.009
 _RAISED_M: Final = 0.006  # between the lines of the two top faces, which cross
@@ -65,6 +67,7 @@ class OperatorView:
         self._lock = threading.RLock()
         self._prepared: PreparedScene | None = None
         self._bars: list[Any] = []
+        self._labels: list[Any] = []
         self._picking = False
         self._server.on_client_connect(lambda client: self._look(client.camera))
 
@@ -103,7 +106,6 @@ class OperatorView:
             for bar in self._bars:
                 bar.remove()
             self._bars = [self._bar(candidate) for candidate in prepared.selection.candidates]
-            self._faces()
             self.choose(None, None, revealed=False)
             self.pick_points(on=False)
         self.reset_camera()
@@ -112,7 +114,7 @@ class OperatorView:
         """Show nothing."""
         with self._lock:
             self._prepared = None
-            self._bars = []
+            self._bars, self._labels = [], []
             self._server.scene.reset()
 
     def _bar(self, candidate: Candidate) -> Any:
@@ -137,21 +139,36 @@ class OperatorView:
         if not self._picking:
             self._on_line(label)
 
-    def _faces(self) -> None:
-        """The number of each face, over its middle; for a chosen face those of its lines."""
+    def _numbers(self, face: int | None) -> None:
+        """The number of each face, over its middle; of a chosen face those of its lines."""
         prepared = self._shown()
         lines = prepared.scene.lines
-        for face in range(1, len(FACES) + 1):
-            middle = prepared.selection.candidates[(face - 1) * lines + lines // 2]
-            self._words(f"/faces/{face}", f"{face}", middle, 0.035)
+        for handle in self._labels:
+            handle.remove()
+        self._labels = []
+        if face is not None:
+            for line in range(1, lines + 1):
+                candidate = prepared.selection.candidates[(face - 1) * lines + line - 1]
+                self._label(f"/numbers/{line}", f"{line}", _beside(candidate, prepared))
+            return
+        for k in range(1, len(FACES) + 1):
+            middle = prepared.selection.candidates[(k - 1) * lines + lines // 2]
+            ends = contact_line(middle, prepared.selection.box)
+            # Both top faces lie on one another: their numbers stand at the ends of their lines.
+            place = ends[0] if k >= TOP_PERPENDICULAR - 1 else ends.mean(axis=0)
+            out = -middle.T_base_gripper[:3, 0]
+            self._label(f"/numbers/{k}", f"{k} {_FACE_WORDS[k - 1]}", place + out * 0.03)
 
-    def _words(self, name: str, text: str, candidate: Candidate, away_m: float) -> None:
-        box = self._shown().selection.box
-        out = -candidate.T_base_gripper[:3, 0]
-        ends = contact_line(candidate, box)
-        # Both top faces lie on one another: their numbers stand at the ends of their lines.
-        place = ends[0] if candidate.face >= TOP_PERPENDICULAR - 1 else ends.mean(axis=0)
-        self._server.scene.add_label(name, text, position=tuple(place + out * away_m))
+    def _label(self, name: str, text: str, place_m: Floats) -> None:
+        self._labels.append(
+            self._server.scene.add_label(
+                name,
+                text,
+                position=tuple(place_m),
+                font_screen_scale=_LETTER_SCALE,
+                anchor="center-center",
+            )
+        )
 
     def choose(self, face: int | None, label: int | None, *, revealed: bool) -> None:
         """Show what is chosen: a face's lines by number, or a candidate with the hand there.
@@ -165,23 +182,13 @@ class OperatorView:
             prepared = self._prepared
             if prepared is None:
                 return
-            lines = prepared.scene.lines
             for bar, candidate in zip(self._bars, prepared.selection.candidates, strict=True):
                 bar.color = _color(candidate, revealed=revealed)
                 chosen = candidate.label == label
                 wide = _CHOSEN_BAR_M if chosen else _BAR_M
                 bar.dimensions = (wide, bar.dimensions[1], wide)
                 bar.visible = face is None or candidate.face == face
-            for line in range(1, lines + 1):
-                name = f"/line-numbers/{line}"
-                if face is None:
-                    self._server.scene.remove_by_name(name)
-                else:
-                    candidate = prepared.selection.candidates[(face - 1) * lines + line - 1]
-                    text = f"{line}"
-                    self._server.scene.add_label(
-                        name, text, position=tuple(_beside(candidate, prepared))
-                    )
+            self._numbers(face)
             self._hand(None if label is None else prepared.selection.candidate(label))
 
     def _hand(self, candidate: Candidate | None) -> None:

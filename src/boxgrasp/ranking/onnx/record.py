@@ -32,7 +32,8 @@ class Record:
         largest_edge_m: what box dimensions are divided by, m; None for each box's own.
         features: names of its features in order.
         schema_hash: theirs.
-        classes: candidates 1 to 5 l, faces 1 to 5 or lines 1 to l, those seen in training.
+        classes: candidates 1 to 5 l, faces 1 to 5 or lines 1 to l, those seen in training; one
+            more, 5 l + 1 or 6, is the request for help (6-1), which lines do not have.
         gripper: the hand of its training.
         object_set: objects and targets of its training.
         seeds: of its training set.
@@ -71,7 +72,7 @@ class Record:
     format: int = FORMAT
 
     def __post_init__(self) -> None:
-        most = {"single": 5 * self.lines, "face": 5}.get(self.part, self.lines)
+        most = {"single": 5 * self.lines + 1, "face": 6}.get(self.part, self.lines)
         rising = list(self.classes) == sorted(set(self.classes))
         if (
             len(self.classes) < 2

@@ -74,14 +74,17 @@ class SvmRanker(Ranker):
         return ready
 
     def rank(self, context: RankingContext) -> Ranking:
-        """Every candidate: first the prediction, then by the decision values."""
+        """Every candidate: first the prediction, then by the decision values.
+
+        It asks where the models predict that their operator would help.
+        """
         local_map = context.local_maps[self.map_resolutions_m[0]]
         scene = SampledScenes.of_map(local_map, context.box.dimensions_m, self._models.sampling)
-        labels, confidence = self._models.order(scene)
+        labels, confidence, asks = self._models.order(scene)
         order = labels[0] - 1
         by_row = np.empty(len(order))
         by_row[order] = confidence[0]
-        return Ranking(order, by_row)
+        return Ranking(order, by_row, bool(asks[0]))
 
 
 class SingleSpiral(SvmRanker):

@@ -120,7 +120,7 @@ async function step(path, body) {
     render(state.serial !== before);
   } catch (error) {
     if (error.status === 0 || error.status === 404) comeBack(); else notice(error.message);
-  } finally { busy = false; }
+  } finally { busy = false; renderChoice(); }
 }
 
 /* ---- saving ---- */
