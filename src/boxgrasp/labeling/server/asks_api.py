@@ -189,7 +189,13 @@ def asks_router(asks: Asks) -> APIRouter:
         To be included in the app, at its root.
     """
     router = APIRouter(tags=["ask"])
+    _add_post(router, asks)
+    _add_get(router, asks)
+    _add_delete(router, asks)
+    return router
 
+
+def _add_post(router: APIRouter, asks: Asks) -> None:
     @router.post(
         "/ask",
         status_code=202,
@@ -207,6 +213,8 @@ def asks_router(asks: Asks) -> APIRouter:
 
         return await in_one_line(work)
 
+
+def _add_get(router: APIRouter, asks: Asks) -> None:
     @router.get(
         "/ask/{ask_id}",
         summary="The answer of an operator, or 202 while there is none",
@@ -230,6 +238,8 @@ def asks_router(asks: Asks) -> APIRouter:
 
         return await in_one_line(work)
 
+
+def _add_delete(router: APIRouter, asks: Asks) -> None:
     @router.delete(
         "/ask/{ask_id}",
         status_code=204,
@@ -243,8 +253,6 @@ def asks_router(asks: Asks) -> APIRouter:
             return Response(status_code=204)
 
         return await in_one_line(work)
-
-    return router
 
 
 async def _in_thread(work: Callable[[], _Found]) -> _Found:
