@@ -225,7 +225,7 @@ def _parsed(url: str) -> sa.URL:
 def _printable(url: sa.URL) -> str:
     if url.get_backend_name() == "sqlite":
         return str(url.database)
-    return url.set(password=None).render_as_string()
+    return url.render_as_string(hide_password=True)
 
 
 def _look_at_file(path: str, create: bool) -> None:

@@ -177,19 +177,14 @@ class Record:
         wish = turns.Wish(source, operator, rules, now, frozenset(skip))
         for _ in range(_ROUNDS):
             with self._database.reads() as connection:
-                steps = turns.steps(connection, wish)
-            found = False
-            for step in steps:
-                with self._database.reads() as connection:
-                    keys = step(connection, wish)
-                for key in keys:
-                    found = True
-                    with self._database.writes() as connection:
-                        turn = turns.take(connection, key, wish)
-                    if turn is not None:
-                        return turn
-            if not found:
+                keys = turns.candidates(connection, wish)
+            if not keys:
                 return None
+            for key in keys:
+                with self._database.writes() as connection:
+                    turn = turns.take(connection, key, wish)
+                if turn is not None:
+                    return turn
         return None
 
     def hold(self, scene_key: str, operator: str, rules: TurnRules, now: datetime) -> bool:

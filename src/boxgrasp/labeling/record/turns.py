@@ -11,7 +11,7 @@ not remembered, and every other turn at most is such a one, so that new scenes g
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -46,9 +46,6 @@ class Wish:
     skip: Collection[str] = ()
 
 
-Step = Callable[[sa.Connection, Wish], list[str]]
-
-
 def stands() -> sa.ColumnElement[bool]:
     """Of a row of `labels`: whether it is neither superseded nor withdrawn.
 
@@ -74,20 +71,21 @@ def scenes_of(source: str) -> sa.Select[Any]:
     return query.where(SOURCES.c.source == source)
 
 
-def steps(connection: sa.Connection, wish: Wish) -> list[Step]:
-    """Where scenes for a wish are looked for, in this order.
+def candidates(connection: sa.Connection, wish: Wish) -> list[str]:
+    """Scenes of which an operator may be given one now.
 
     Args:
         connection: to the database.
         wish: who asks for what.
 
     Returns:
-        What lists keys of scenes that may be free.
+        Their keys, the first choice first; others may take some of them at the same moment.
     """
-    twice = [_second_ones, _spaced_ones]
+    steps = [_own_ones, _second_ones, _spaced_ones, _new_ones, _soon_ones]
     if _last_was_twice(connection, wish):
-        return [_own_ones, _new_ones, *twice, _soon_ones]
-    return [_own_ones, *twice, _new_ones, _soon_ones]
+        steps = [_own_ones, _new_ones, _second_ones, _spaced_ones, _soon_ones]
+    lists = (step(connection, wish) for step in steps)
+    return next((keys for keys in lists if keys), [])
 
 
 def take(connection: sa.Connection, key: str, wish: Wish) -> Turn | None:
