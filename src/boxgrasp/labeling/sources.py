@@ -272,7 +272,7 @@ def scenario_scenes(made: SetConfig, numbers: Sequence[int]) -> tuple[LabelScene
     Returns:
         A scene a row, with the thesis's aligned box.
     """
-    rows = plain(made.rows)
+    rows = json.loads(json.dumps(plain(made.rows)))  # as it comes back out of a database
     said = _rows_sha256(rows, made.objects_sha256)
     return tuple(
         LabelScene(
