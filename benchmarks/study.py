@@ -25,7 +25,7 @@ from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.samples import largest_edge_m
 from boxgrasp.teaching.search import COARSE_C, COARSE_GAMMA, search
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import examples, train_svms
+from boxgrasp.teaching.train import examples, taught_by_set, train_svms
 
 LEAST_A_SECOND = 10
 MOST_TRAINING_S = 180
@@ -48,7 +48,7 @@ def scenarios(store: Store, count: int, workers: Workers) -> None:
 def training(store: Store, labeled: tuple[SetConfig, Rows], workers: Workers) -> None:
     """Train the eight SVMs, and print how fast."""
     start = time.perf_counter()
-    train_svms(store, "models/", labeled, workers)
+    train_svms(store, "models/", taught_by_set(*labeled), workers)
     spent = time.perf_counter() - start
     held = "held" if spent <= MOST_TRAINING_S else "MISSED"
     said = f"{spent:.1f} s; {MOST_TRAINING_S} s: {held}"

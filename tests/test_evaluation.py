@@ -26,7 +26,7 @@ from boxgrasp.teaching.rows import RowConfig, scenario_of_row
 from boxgrasp.teaching.samples import largest_edge_m
 from boxgrasp.teaching.search import Grid, Search, train
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import examples, train_svms
+from boxgrasp.teaching.train import examples, taught_by_set, train_svms
 
 COUNT = 60
 TRIED = Grid((4.0,), (0.05,), np.array([[0.5]]), np.array([[0.4]]), np.array([[False]]))
@@ -44,8 +44,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         make_set(store, "labels/", labels, workers, "")
         make_set(store, "tested/", TESTED, workers, "")
         with pytest.MonkeyPatch.context() as patch:  # the search has tests of its own
-            patch.setattr(training, "search", lambda X, y, seed: FOUND)
-            train_svms(store, "models/", read_set(store, "labels/"), workers)
+            patch.setattr(training, "search", lambda X, y, **_: FOUND)
+            train_svms(store, "models/", taught_by_set(*read_set(store, "labels/")), workers)
     return folder
 
 
@@ -254,4 +254,4 @@ def test_other_labels_are_not_taken_for_those_trained_on(place: Path) -> None:
     made, rows = read_set(store, "labels/")
     again = Rows({**rows, "label": rows["label"][::-1].copy()})
     with local_workers(1) as workers, pytest.raises(ConfigError, match="labels_sha256"):
-        train_svms(store, "models/", (made, again), workers)
+        train_svms(store, "models/", taught_by_set(made, again), workers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import sys
 from typing import TYPE_CHECKING
@@ -11,7 +12,8 @@ if TYPE_CHECKING:
     from boxgrasp.config import Config
     from boxgrasp.labeling.captures import CaptureStore
     from boxgrasp.labeling.record import Record
-    from boxgrasp.labeling.server.desk import Mode
+    from boxgrasp.labeling.server.desk import DeskRules, Mode
+    from boxgrasp.labeling.server.run import Listening
     from boxgrasp.labeling.sources import Source
 
 _DATABASE = "labels.sqlite"
@@ -187,12 +189,19 @@ def _serve(
     listening: Listening,
 ) -> None:
     from boxgrasp.labeling.learning import Learner
+    from boxgrasp.labeling.lessons import LessonConfig
+    from boxgrasp.labeling.record import Record
     from boxgrasp.labeling.server.desk import Desk
     from boxgrasp.labeling.server.run import serve as serve_page
     from boxgrasp.labeling.server.select_api import Selections
 
     record, _, captures, config, _ = desk_of
-    learner = Learner(args.database, captures.store.place, beside_database(args.database, "models"))
+    learner = Learner(
+        beside_database(args.database, "models"),
+        functools.partial(Record.open, args.database, False),
+        captures.store.place,
+        LessonConfig(config),
+    )
     desk = Desk(*desk_of, learner)
 
     def ready(url: str) -> None:

@@ -82,11 +82,12 @@ def _train_svms(args: argparse.Namespace) -> int:
     from boxgrasp.execution import Store, workers_for
     from boxgrasp.ranking.onnx.record import model_name
     from boxgrasp.teaching.sets import read_set
-    from boxgrasp.teaching.train import train_svms
+    from boxgrasp.teaching.train import taught_by_set, train_svms
 
     store = Store(args.out)
     with workers_for(args.processes, args.cluster) as workers:
-        trained = train_svms(store, "", read_set(Store(args.set)), workers, seed=args.seed)
+        taught = taught_by_set(*read_set(Store(args.set)))
+        trained = train_svms(store, "", taught, workers, seed=args.seed)
     print("model                 C        gamma     vectors  examples  accuracy")
     for item in trained:
         record = item["record"]

@@ -83,6 +83,21 @@ class ProcessWorkers:
         finally:
             self._end(self._busy())
 
+    def started(self, function: Callable[[T], R], task: T) -> _Worker:
+        """A process that has begun a task, whose answer the caller takes.
+
+        Args:
+            function: of a module.
+            task: picklable.
+
+        Returns:
+            The process.
+        """
+        worker = _Worker()
+        self._workers.append(worker)
+        worker.give(0, function, task)
+        return worker
+
     def close(self) -> None:
         """End the processes at once; an idle one holds nothing."""
         self._end(self._workers)

@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from boxgrasp.arrays import Array, Floats, Points
+from boxgrasp.arrays import Array, Points
 from boxgrasp.grasps.candidates import LINES
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.model_set import SVMS, Decider, ModelSet, Part
 from boxgrasp.ranking.sampling import grid
+from boxgrasp.teaching.fitting import Always, Fitted
 from boxgrasp.teaching.rows import RowConfig, scenario_of_row, selector
 from boxgrasp.teaching.samples import largest_edge_m, states_at
 from boxgrasp.teaching.search import train
@@ -23,56 +24,6 @@ from boxgrasp.teaching.train import examples
 RESOLUTIONS_M = (0.02, 0.03, 0.05, 0.10)
 PART_ROWS = 40
 Kind = Literal["single", "cascade"]
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A scikit-learn classifier as a decider.
-
-    Attributes:
-        model: the classifier.
-        classes: as trained, rising.
-    """
-
-    model: Any
-    classes: tuple[int, ...]
-
-    def decide(self, X: Points) -> tuple[Array, Floats]:
-        """What the classifier predicts.
-
-        Args:
-            X: (N, F) float32 rows of features.
-
-        Returns:
-            (N,) predictions, and (N, K) decision values or probabilities.
-        """
-        ask = getattr(self.model, "decision_function", None) or self.model.predict_proba
-        values = np.asarray(ask(X), dtype=np.float64)
-        if values.ndim == 1:  # two classes
-            values = np.column_stack((-values, values))
-        return np.asarray(self.model.predict(X)), values
-
-
-@dataclass(frozen=True)
-class Always:
-    """What is left to decide with one class: nothing.
-
-    Attributes:
-        classes: the one.
-    """
-
-    classes: tuple[int, ...]
-
-    def decide(self, X: Points) -> tuple[Array, Floats]:
-        """The one class, always.
-
-        Args:
-            X: (N, F) rows of features.
-
-        Returns:
-            (N,) predictions, and (N, 1) zeros.
-        """
-        return np.full(len(X), self.classes[0]), np.zeros((len(X), 1))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from boxgrasp.study.again import again_part, read_again
 from boxgrasp.study.evaluation import Evaluation, model_sets_in
 from boxgrasp.teaching.rows import RowConfig
 from boxgrasp.teaching.sets import Rows, SetConfig, make_set, read_set
-from boxgrasp.teaching.train import train_svms
+from boxgrasp.teaching.train import taught_by_set, train_svms
 
 STREAMS = 1000
 AGAIN_ROWS = 40  # scenes a task
@@ -195,8 +195,8 @@ class Study:
     @cached_property
     def trained(self) -> Mapping[str, Mapping[str, Any]]:
         """What is kept of the eight SVMs' training by their names; trained where it is not yet."""
-        labeled = self.sets()["labels"], self.rows("labels")
-        kept = train_svms(self.store, "models/", labeled, self.workers, self.seed)
+        taught = taught_by_set(self.sets()["labels"], self.rows("labels"))
+        kept = train_svms(self.store, "models/", taught, self.workers, self.seed)
         return {svm.name: item for svm, item in zip(SVMS, kept, strict=True)}
 
     @cached_property

@@ -22,6 +22,7 @@ from boxgrasp.geometry import hand_distance
 from boxgrasp.geometry.box import Box
 from boxgrasp.geometry.transforms import make_transform, rotation_z
 from boxgrasp.grasps.candidates import LINES
+from boxgrasp.grasps.gripper import Gripper
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target
 from boxgrasp.ranking.model_set import SAMPLINGS, help_label
@@ -191,15 +192,13 @@ def scenario_row(
             row[f"{source}_error"] = str(error)
             continue
         if source == "given":
-            given_obstacles = _obstacle_points(analysis)
+            given_obstacles = obstacle_points(analysis)
             label = operator.label(shown(analysis, chosen), scenario.rng(OPERATOR))
             said = help_label(config.lines) if label.label is None else label.label
             row |= {"label": said, "label_source": label.source}
-        columns = _analysis_columns(analysis, scenario)
-        if given_obstacles is not None:
-            T, half_m = analysis.context.candidates.T_base_gripper, chosen.config.gripper.half_m
-            hands = hand_distance.uprights(T, half_m)
-            columns["thesis_clearance_m"] = hand_distance.to_points(hands, given_obstacles)[0]
+        columns = analysis_columns(analysis, chosen.config.gripper, given_obstacles)
+        truth = candidate_truth(scenario.scene, analysis.context.candidates.T_base_gripper)
+        columns |= {f"true_{name}": getattr(truth, name) for name in TRUTHS}
         row |= {f"{source}_{name}": value for name, value in columns.items()}
     return row
 
@@ -217,7 +216,7 @@ def shown(analysis: SceneAnalysis, selector: GraspSelector) -> Shown:
     return Shown(
         analysis.context.box,
         analysis.context.candidates,
-        _obstacle_points(analysis),
+        obstacle_points(analysis),
         float(analysis.context.box.base_center_m[2]),
         selector.config.gripper,
     )
@@ -264,7 +263,15 @@ def box_of(place: Array, dimensions_m: Array) -> Box:
     return Box(readonly(make_transform(rotation_z(place[3]), place[:3])), readonly(dimensions_m))
 
 
-def _obstacle_points(analysis: SceneAnalysis) -> Points:
+def obstacle_points(analysis: SceneAnalysis) -> Points:
+    """What is in the way.
+
+    Args:
+        analysis: of a scene.
+
+    Returns:
+        (N, 3) float32, base frame, m.
+    """
     return np.ascontiguousarray(analysis.scene.points[analysis.target_points.obstacle_mask])
 
 
@@ -283,17 +290,31 @@ def _truth_columns(scenario: Scenario) -> Row:
     }
 
 
-def _analysis_columns(analysis: SceneAnalysis, scenario: Scenario) -> Row:
+def analysis_columns(
+    analysis: SceneAnalysis, gripper: Gripper, obstacles: Points | None = None
+) -> Row:
+    """What the code saw of a scene, a scenario's or a capture's: truth apart.
+
+    Args:
+        analysis: of it.
+        gripper: the hand.
+        obstacles: (N, 3) float32, base frame, m, by which the thesis's clearance is measured; None
+            leaves that out.
+
+    Returns:
+        Values by column, whose names lack the source of the target's points.
+    """
     context = analysis.context
-    truth = candidate_truth(scenario.scene, context.candidates.T_base_gripper)
     row: Row = {
         "box": np.array([*context.box.T_base_box[:3, 3], context.box.yaw_rad]),
         "dimensions_m": context.box.dimensions_m,
         "passes": analysis.passing,
         **{column: context.result(check).value for column, check in CHECK_VALUES.items()},
         **{column: context.result(check).passed for column, check in CHECK_FLAGS.items()},
-        **{f"true_{name}": getattr(truth, name) for name in TRUTHS},
     }
+    if obstacles is not None:
+        hands = hand_distance.uprights(context.candidates.T_base_gripper, gripper.half_m)
+        row["thesis_clearance_m"] = hand_distance.to_points(hands, obstacles)[0]
     for name in SAMPLINGS:
         local_map = context.local_maps[RESOLUTION_M[name]]
         row[name], row[f"{name}_portions"] = sample_states(local_map, name)

@@ -18,12 +18,29 @@ FOLDS = 5
 STEP = 1.25
 COARSE_C = tuple(float(2**k) for k in -1 + STEP * np.arange(9))
 COARSE_GAMMA = tuple(float(2**k) for k in -10 + STEP * np.arange(9))
-FINE_STEPS = 4  # finer steps in a coarse one, to either side of the best
 # Accuracies this near to the best are as good: half a point is 4 of 800 examples, less than what
 # another deal of the folds changes.
 AS_GOOD = 0.005
 
 _DECIMALS = 12  # of a squared distance that count: the rest differs between machines
+
+
+@dataclass(frozen=True)
+class SearchParams:
+    """How C and gamma are searched.
+
+    Attributes:
+        costs: rising values of C of the coarse grid.
+        gammas: rising values of gamma of the coarse grid.
+        fine_steps: finer steps in a coarse one, to either side of the best; 0 for none.
+    """
+
+    costs: tuple[float, ...] = COARSE_C
+    gammas: tuple[float, ...] = COARSE_GAMMA
+    fine_steps: int = 4
+
+
+SEARCH = SearchParams()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +90,9 @@ def search(
     X: Points,
     y: Array,
     *,
-    folds: int = FOLDS,
     seed: int = 0,
-    costs: Sequence[float] = COARSE_C,
-    gammas: Sequence[float] = COARSE_GAMMA,
+    params: SearchParams = SEARCH,
+    groups: Array | None = None,
 ) -> Search:
     """C and gamma of an RBF SVM (thesis 3-3-2, 4-1).
 
@@ -86,10 +102,9 @@ def search(
     Args:
         X: (N, F) float32 features.
         y: (N,) classes.
-        folds: of the cross-validation.
         seed: of the folds.
-        costs: rising values of C of the coarse grid.
-        gammas: rising values of gamma of the coarse grid.
+        params: what is tried.
+        groups: (N,) as `folds_of` takes it.
 
     Returns:
         The choice.
@@ -100,10 +115,11 @@ def search(
         MissingExtraError: scikit-learn is not installed.
     """
     distances = squared_distances(X)
-    fold = folds_of(y, folds, seed)
-    coarse = grid(distances, y, fold, costs, gammas)
-    first = chosen(coarse)
-    fine = grid(distances, y, fold, _round(first.C, costs), _round(first.gamma, gammas))
+    fold = folds_of(y, FOLDS, seed, groups)
+    coarse = grid(distances, y, fold, params.costs, params.gammas)
+    first, steps = chosen(coarse), params.fine_steps
+    costs = _round(first.C, params.costs, steps)
+    fine = grid(distances, y, fold, costs, _round(first.gamma, params.gammas, steps))
     pair = chosen(coarse, fine)
     commonest = float(np.unique(y, return_counts=True)[1].max() / len(y))
     return Search(pair.C, pair.gamma, pair.accuracy, pair.balanced, commonest, coarse, fine)
@@ -130,7 +146,7 @@ def train(X: Points, y: Array, C: float, gamma: float) -> Any:
 
 
 def one_vs_rest_accuracy(
-    X: Points, y: Array, C: float, gamma: float, *, folds: int = FOLDS, seed: int = 0
+    X: Points, y: Array, C: float, gamma: float, *, seed: int = 0, groups: Array | None = None
 ) -> float:
     """Cross-validated accuracy of one SVM a class, each against the rest; the surest one wins.
 
@@ -141,8 +157,8 @@ def one_vs_rest_accuracy(
         y: (N,) classes.
         C: of the SVMs.
         gamma: of their RBF kernels.
-        folds: as `search` takes it.
         seed: as `search` takes it.
+        groups: as `search` takes them.
 
     Returns:
         The mean over the folds, 0 to 1.
@@ -151,10 +167,10 @@ def one_vs_rest_accuracy(
         BoxgraspError: fewer than two classes, fewer rows than folds.
         MissingExtraError: scikit-learn is not installed.
     """
-    distances, fold = squared_distances(X), folds_of(y, folds, seed)
+    distances, fold = squared_distances(X), folds_of(y, FOLDS, seed, groups)
     kernel = np.exp(-gamma * distances)
     scores = []
-    for k in range(folds):
+    for k in range(FOLDS):
         seen, asked = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         known = np.unique(y[seen])
         surest = np.zeros((len(asked), len(known)))
@@ -165,7 +181,7 @@ def one_vs_rest_accuracy(
     return float(np.mean(scores))
 
 
-def folds_of(y: Array, folds: int, seed: int) -> NDArray[np.int64]:
+def folds_of(y: Array, folds: int, seed: int, groups: Array | None = None) -> NDArray[np.int64]:
     """The fold of each row: shuffled, every class spread evenly, fold sizes within one.
 
     A class with fewer rows than folds is in that many folds alone; where it has one row, that row
@@ -175,13 +191,21 @@ def folds_of(y: Array, folds: int, seed: int) -> NDArray[np.int64]:
         y: (N,) classes.
         folds: how many.
         seed: of the shuffling.
+        groups: (N,) what rows belong together, as labels of one scene do: they are in the fold of
+            the first of them, so that none is asked of a model that saw another. None for none.
 
     Returns:
         (N,) int64 from 0.
 
     Raises:
-        BoxgraspError: fewer than two classes, fewer rows than folds.
+        BoxgraspError: fewer than two classes, fewer rows or groups than folds.
     """
+    if groups is not None:
+        places: dict[Any, int] = {}
+        of_group = np.array([places.setdefault(one, len(places)) for one in groups.tolist()])
+        first = np.unique(of_group, return_index=True)[1]
+        _validate_classes(y)
+        return np.asarray(folds_of(y[first], folds, seed)[of_group])
     _validate_classes(y)
     if not 2 <= folds <= len(y):
         raise BoxgraspError(f"{folds} folds of {len(y)} rows; valid: 2 to as many as rows")
@@ -308,13 +332,12 @@ def chosen(*grids: Grid) -> Pair:
     return max(good, key=lambda p: (round(p.balanced, 9), p.gamma, round(p.accuracy, 9), -p.C))
 
 
-def _round(middle: float, coarse: Sequence[float]) -> tuple[float, ...]:
+def _round(middle: float, coarse: Sequence[float], steps: int) -> tuple[float, ...]:
     """Finer values from one coarse step below to one above, the middle one exactly."""
+    if steps == 0:
+        return (middle,)
     step = (coarse[-1] / coarse[0]) ** (1 / (len(coarse) - 1)) if len(coarse) > 1 else 2.0
-    return tuple(
-        middle * step ** (k / FINE_STEPS) if k else middle
-        for k in range(-FINE_STEPS, FINE_STEPS + 1)
-    )
+    return tuple(middle * step ** (k / steps) if k else middle for k in range(-steps, steps + 1))
 
 
 def _validate_classes(y: Array) -> None:

@@ -11,7 +11,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -37,6 +37,18 @@ from boxgrasp.version import __version__
 
 PART_ROWS = 40
 MOST_ROWS = 100_000 * PART_ROWS  # of a set: its parts' names have five digits
+
+
+class RowShape(Protocol):
+    """What the columns of rows depend on; a `RowConfig` tells it."""
+
+    @property
+    def lines(self) -> int:
+        """l, lines a face."""
+
+    @property
+    def target_sources(self) -> tuple[str, ...]:
+        """Where the target's points come from, `given`, `found` or both."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +284,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return Rows({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
 
 
-def to_parquet(rows: Sequence[Row], config: RowConfig) -> bytes:
+def to_parquet(rows: Sequence[Row], config: RowShape) -> bytes:
     """Rows as one Parquet file.
 
     Args:
@@ -316,7 +328,7 @@ def from_parquet(data: bytes) -> Rows:
     return Rows({name: _array(pa, table.column(name)) for name in table.column_names})
 
 
-def schema(config: RowConfig) -> Any:
+def schema(config: RowShape) -> Any:
     """The columns of a set's rows.
 
     Args:

@@ -21,12 +21,23 @@ from boxgrasp.ranking.features import line_features, single_features
 from boxgrasp.ranking.model_set import HELP_FACE, SVMS, SampledScenes, Svm, help_label
 from boxgrasp.ranking.onnx.record import Record
 from boxgrasp.ranking.sampling import RESOLUTION_M, is_side
+from boxgrasp.simulate.scenario import Recipe
 from boxgrasp.strict import plain
 from boxgrasp.teaching.export import to_onnx
 from boxgrasp.teaching.samples import largest_edge_m, sampled_scenes
-from boxgrasp.teaching.search import Grid, Search, one_vs_rest_accuracy, search, train
+from boxgrasp.teaching.search import (
+    SEARCH,
+    Grid,
+    Search,
+    SearchParams,
+    one_vs_rest_accuracy,
+    search,
+    train,
+)
 from boxgrasp.teaching.sets import Rows, SetConfig, claim
 from boxgrasp.version import __version__
+
+SCENE_KEY = "scene_key"  # column of rows whose scenes may come twice
 
 
 @dataclass(frozen=True)
@@ -48,8 +59,64 @@ class Provenance:
     lines: int = LINES
 
 
+@dataclass(frozen=True, eq=False)
+class Taught:
+    """Labeled rows, and where they come from.
+
+    Attributes:
+        rows: columns by name, every row labeled. Rows of one scene, as two operators label it, say
+            so in a column `scene_key`, and stay in one fold.
+        provenance: for the record.
+        made: plain values that tell these rows from others, kept beside the models.
+    """
+
+    rows: Rows
+    provenance: Provenance
+    made: Mapping[str, Any]
+
+
+def taught_by_set(made: SetConfig, rows: Rows) -> Taught:
+    """What a set teaches: those of its rows that have an answer.
+
+    Args:
+        made: what the set is made of.
+        rows: its rows.
+
+    Returns:
+        The labeled rows.
+    """
+    recipe, answered = made.rows.recipe, rows.answered
+    provenance = Provenance(
+        object_set=object_set_of(recipe),
+        seeds=(made.rows.seed,),
+        label_source=", ".join(sorted(set(answered["label_source"].tolist()))),
+        gripper=Gripper(),
+        lines=made.rows.lines,
+    )
+    said = np.ascontiguousarray(rows["label"], dtype="<i8").tobytes()
+    kept = {"set": plain(made), "labels_sha256": hashlib.sha256(said).hexdigest()}
+    return Taught(answered, provenance, kept)
+
+
+def object_set_of(recipe: Recipe) -> str:
+    """Objects and targets of a recipe, for the record.
+
+    Args:
+        recipe: any.
+
+    Returns:
+        `simulated: crisps_tube, ...`.
+    """
+    return f"{recipe.objects}: {', '.join(recipe.targets)}"
+
+
 def examples(
-    rows: Mapping[str, Array], svm: Svm, lines: int, edge_m: float | None
+    rows: Mapping[str, Array],
+    svm: Svm,
+    lines: int,
+    edge_m: float | None,
+    *,
+    least_classes: int = 2,
 ) -> tuple[Points, Array]:
     """What one SVM learns from labeled rows, their target's points given.
 
@@ -58,13 +125,14 @@ def examples(
         svm: which one.
         lines: l, lines a face.
         edge_m: what box dimensions are divided by, m; None for each box's own.
+        least_classes: how many classes there must be.
 
     Returns:
         (N, F) float32 features and (N,) int64 classes: of all rows, or of those whose labeled
         face is the part's. The request for help is class 5 l + 1, or face 6; lines never see it.
 
     Raises:
-        ConfigError: fewer than two classes, rows without a label, or labels that there are not.
+        ConfigError: fewer classes, rows without a label, or labels that there are not.
     """
     label = rows["label"]
     if len(label) == 0 or label.min() < 1:
@@ -74,7 +142,7 @@ def examples(
     face, line = (label - 1) // lines + 1, (label - 1) % lines + 1
     which = _taught_by(svm, face)
     y = {"single": label, "face": face}.get(svm.part, line)[which]
-    if len(np.unique(y)) < 2:
+    if len(np.unique(y)) < least_classes:
         raise ConfigError(
             f"{svm.name}: {len(y)} examples of {len(np.unique(y))} class; valid: at least two "
             "classes (more labels)"
@@ -91,6 +159,23 @@ def _taught_by(svm: Svm, face: Array) -> Array:
         return np.arange(len(face))
     sides = [k != HELP_FACE and is_side(k) == (svm.part == "side") for k in face.tolist()]
     return np.flatnonzero(sides)
+
+
+def groups_of(rows: Mapping[str, Array], svm: Svm, lines: int) -> Array | None:
+    """Which of an SVM's examples are of one scene.
+
+    Args:
+        rows: columns by name.
+        svm: which one.
+        lines: l, lines a face.
+
+    Returns:
+        (N,) keys of the scenes of its examples; None where rows do not tell.
+    """
+    if SCENE_KEY not in rows:
+        return None
+    face = (rows["label"] - 1) // lines + 1
+    return np.asarray(rows[SCENE_KEY][_taught_by(svm, face)])
 
 
 def _line_examples(
@@ -128,6 +213,7 @@ def train_svm(
     svm: Svm,
     provenance: Provenance,
     seed: int = 0,
+    params: SearchParams = SEARCH,
 ) -> Trained:
     """Search, train and export one of the eight.
 
@@ -136,6 +222,7 @@ def train_svm(
         svm: which one.
         provenance: for the record.
         seed: of the folds.
+        params: what C and gamma are tried.
 
     Returns:
         The SVM and its file.
@@ -147,8 +234,9 @@ def train_svm(
     """
     edge = largest_edge_m(rows)
     X, y = examples(rows, svm, provenance.lines, edge)
+    groups = groups_of(rows, svm, provenance.lines)
     try:
-        found = search(X, y, seed=seed)
+        found = search(X, y, seed=seed, params=params, groups=groups)
     except BoxgraspError as error:
         raise ConfigError(f"{svm.name}, {len(y)} examples: {error}") from None
     model = train(X, y, found.C, found.gamma)
@@ -174,48 +262,38 @@ def train_svm(
         training_examples=len(y),
         accuracy=found.accuracy,
     )
-    other = one_vs_rest_accuracy(X, y, found.C, found.gamma, seed=seed)
+    other = one_vs_rest_accuracy(X, y, found.C, found.gamma, seed=seed, groups=groups)
     return Trained(svm, found, record, other, to_onnx(model, record))
 
 
-def training_tasks(
-    made: SetConfig, rows: Mapping[str, Array], prefix: str, seed: int
-) -> dict[str, tuple[dict[str, Array], Svm, Provenance, int]]:
-    """The task of each of the eight.
+Task = tuple[dict[str, Array], Svm, Provenance, int, SearchParams]
+
+
+def training_task(taught: Taught, svm: Svm, seed: int, params: SearchParams = SEARCH) -> Task:
+    """The task of training one of the eight.
 
     Args:
-        made: what the training set is made of.
-        rows: its columns by name.
-        prefix: of the results' names.
+        taught: labeled rows.
+        svm: which one.
         seed: of the folds.
+        params: what C and gamma are tried.
 
     Returns:
-        Arguments of `train_svm` by the name of the task's result.
+        Arguments of `train_svm`, with the columns that it reads.
     """
-    recipe = made.rows.recipe
-    provenance = Provenance(
-        object_set=f"{recipe.objects}: {', '.join(recipe.targets)}",
-        seeds=(made.rows.seed,),
-        label_source=", ".join(sorted(set(rows["label_source"].tolist()))),
-        gripper=Gripper(),
-        lines=made.rows.lines,
+    used = (
+        "label",
+        "given_dimensions_m",
+        f"given_{svm.sampling}",
+        f"given_{svm.sampling}_portions",
     )
-    used = ("label", "given_dimensions_m")
-    return {
-        f"{prefix}{svm.name}.json": (
-            {
-                name: np.asarray(rows[name])
-                for name in (*used, f"given_{svm.sampling}", f"given_{svm.sampling}_portions")
-            },
-            svm,
-            provenance,
-            seed,
-        )
-        for svm in SVMS
-    }
+    rows = {name: np.asarray(taught.rows[name]) for name in used}
+    if SCENE_KEY in taught.rows:
+        rows[SCENE_KEY] = np.asarray(taught.rows[SCENE_KEY])
+    return rows, svm, taught.provenance, seed, params
 
 
-def trained_json(task: tuple[dict[str, Array], Svm, Provenance, int]) -> bytes:
+def trained_json(task: Task) -> bytes:
     """One SVM trained; a task of its own.
 
     Args:
@@ -247,14 +325,14 @@ def _grid(grid: Grid) -> dict[str, Any]:
 
 
 def train_svms(
-    store: Store, prefix: str, labeled: tuple[SetConfig, Rows], workers: Workers, seed: int = 0
+    store: Store, prefix: str, taught: Taught, workers: Workers, seed: int = 0
 ) -> list[dict[str, Any]]:
     """Train what is not there yet of the eight, and write their files.
 
     Args:
         store: where to.
         prefix: of the names there.
-        labeled: a set.
+        taught: labeled rows.
         workers: who trains.
         seed: of the folds.
 
@@ -269,11 +347,8 @@ def train_svms(
     """
     if seed < 0:
         raise ConfigError(f"seed is {seed}; valid: 0 or more")
-    labels = np.ascontiguousarray(labeled[1]["label"], dtype="<i8").tobytes()
-    said = hashlib.sha256(labels).hexdigest()  # a set may have been labeled anew
-    made = {"set": plain(labeled[0]), "labels_sha256": said, "seed": seed}
-    claim(store, f"{prefix}training/", "made.json", made, "models")
-    tasks = training_tasks(labeled[0], labeled[1].answered, f"{prefix}training/", seed)
+    claim(store, f"{prefix}training/", "made.json", {**taught.made, "seed": seed}, "models")
+    tasks = {f"{prefix}training/{svm.name}.json": training_task(taught, svm, seed) for svm in SVMS}
     finish(store, tasks, trained_json, workers, "train")
     kept = []
     for svm in SVMS:
