@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from datetime import datetime
+from os import PathLike
 from types import TracebackType
 
 import sqlalchemy as sa
@@ -56,7 +57,7 @@ class Record:
         self.name = database.name
 
     @staticmethod
-    def open(url: str, create: bool = True) -> Record:
+    def open(url: str | PathLike[str], create: bool = True) -> Record:
         """Open a database of labels, and bring its schema up to date.
 
         Args:
