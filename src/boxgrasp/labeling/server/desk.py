@@ -115,9 +115,10 @@ class Desk:
 
     @property
     def model(self) -> str:
-        """What proposes: the ranker's name, and the number of its models where they were learned."""
+        """What proposes: the ranker's name, and the number of its models where they are learned."""
         number = None if self.learner is None else self.learner.active
-        return self._proposing.ranker if number is None else f"{self._proposing.ranker} {number}"
+        ranker = self._proposing.ranker
+        return ranker if number is None else f"{ranker} {number}"
 
     def propose_with(self, number: int | None) -> None:
         """Let models that were learned here propose from now on, or the user's own ranker again.
