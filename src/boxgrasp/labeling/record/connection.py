@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sqlite3
 import threading
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from weakref import WeakSet
 
 import sqlalchemy as sa
 from alembic import command
@@ -19,6 +21,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from boxgrasp.errors import ConfigError, StoreError
+from boxgrasp.forks import drop_in_child
 
 VALID = "a path, sqlite:///PATH or postgresql+pg8000://USER@HOST/DATABASE"
 BUSY_S = 20.0  # how long a writer of SQLite waits for another; each holds it for milliseconds
@@ -26,7 +29,9 @@ _VERSION_TABLE = "boxgrasp_labels_version"
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _SETUP_LOCK = 0x626F786772617370  # of PostgreSQL's advisory locks: held while tables are made
 _WRITES = "boxgrasp_writes"
-_ONE_MIGRATES = threading.Lock()  # Alembic keeps what it works on in its modules
+_one_migrates = threading.Lock()  # Alembic keeps what it works on in its modules
+_open: WeakSet[Database] = WeakSet()
+_of_parent: list[sa.Pool] = []  # kept: to close what the parent opened would disturb it
 
 
 class Database:
@@ -46,8 +51,8 @@ class Database:
 
     name: str
 
-    def __init__(self, url: str, create: bool = True) -> None:
-        parsed = _parsed(url)
+    def __init__(self, url: str | os.PathLike[str], create: bool = True) -> None:
+        parsed = _parsed(os.fspath(url))
         self.name = _printable(parsed)
         self._is_sqlite = parsed.get_backend_name() == "sqlite"
         self._password = parsed.password
@@ -56,9 +61,10 @@ class Database:
         with self._told():
             self._engine = self._make_engine(parsed)
         self._writer = self._engine.execution_options(**{_WRITES: True})
+        _open.add(self)
         try:
             with self._told():
-                self._set_up()
+                self._set_up(create)
         except BaseException:
             self._engine.dispose()
             raise
@@ -66,6 +72,11 @@ class Database:
     def close(self) -> None:
         """Let go of every connection."""
         self._engine.dispose()
+
+    def forget_connections(self) -> None:
+        """Let a forked child make connections of its own."""
+        _of_parent.append(self._engine.pool)
+        self._engine.dispose(close=False)
 
     @contextmanager
     def reads(self) -> Iterator[sa.Connection]:
@@ -96,21 +107,27 @@ class Database:
 
     def _make_engine(self, url: sa.URL) -> sa.Engine:
         if not self._is_sqlite:
+            logging.getLogger("sqlalchemy.pool.impl.QueuePool").addFilter(_is_of_use)
             return sa.create_engine(url, pool_pre_ping=True, connect_args={"timeout": 30})
         engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
         sa.event.listen(engine, "connect", _set_up_sqlite)
         sa.event.listen(engine, "begin", _begin_sqlite)
         return engine
 
-    def _set_up(self) -> None:
+    def _set_up(self, create: bool) -> None:
         """Make the tables, or bring them to this schema; several processes may do so at once."""
-        if self._is_sqlite:
-            self._log_ahead()
         script = ScriptDirectory(str(_MIGRATIONS))
         head = script.get_current_head()
-        with self._engine.begin() as connection:
-            if self._revision(connection, script) == head:
-                return
+        with self._engine.begin() as connection:  # before anything is written to it
+            found = self._revision(connection, script)
+        if found is None and not create:
+            raise StoreError(
+                f"{self.name}: holds no labels; valid: a database of boxgrasp's labels"
+            )
+        if self._is_sqlite:
+            self._log_ahead()
+        if found == head:
+            return
         with self._writer.begin() as connection:
             if not self._is_sqlite:
                 connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_SETUP_LOCK)))
@@ -186,6 +203,16 @@ class Database:
         return f"{self.name}: {said}; valid: {_remedy(said)}"
 
 
+def _after_fork() -> None:
+    global _one_migrates
+    _one_migrates = threading.Lock()
+    for database in _open:
+        database.forget_connections()
+
+
+drop_in_child(_after_fork)
+
+
 def is_taken(error: IntegrityError, column: str) -> bool:
     """Whether a row was refused since another one has that value.
 
@@ -205,7 +232,7 @@ def _parsed(url: str) -> sa.URL:
     if "://" not in url:
         if not url:
             raise ConfigError(f"no database given; valid: {VALID}")
-        return sa.URL.create("sqlite", database=os.fspath(url))
+        return sa.URL.create("sqlite", database=url)
     scheme = url.partition("://")[0]
     if scheme not in ("sqlite", "postgresql", "postgres", "postgresql+pg8000"):
         raise ConfigError(f"no databases of {scheme[:40]!r} are known; valid: {VALID}")
@@ -243,6 +270,11 @@ def _look_at_file(path: str, create: bool) -> None:
         raise StoreError(f"{path}: no such file; valid: a database of boxgrasp's labels")
 
 
+def _is_of_use(record: logging.LogRecord) -> bool:
+    """Not that a connection, which a restarted server broke, could not be closed: with a trace."""
+    return not str(record.msg).startswith("Exception terminating connection")
+
+
 def _set_up_sqlite(connection: sqlite3.Connection, record: object) -> None:
     """Each connection: SQLAlchemy begins transactions, every commit is on the disk."""
     connection.isolation_level = None
@@ -263,7 +295,7 @@ def _migrate(connection: sa.Connection) -> None:
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     config.attributes["boxgrasp"] = {"connection": connection, "version_table": _VERSION_TABLE}
-    with _ONE_MIGRATES:
+    with _one_migrates:
         command.upgrade(config, "head")
 
 
@@ -282,6 +314,7 @@ _REMEDIES = {
     "not a database": "a database of boxgrasp's labels, or a new file",
     "malformed": "a database of boxgrasp's labels that is not damaged",
     "disk is full": "free space, or another disk",
+    "disk I/O error": "a disk that works and has free space",
     "readonly": "a file that may be written",
     "read-only": "a file that may be written",
     "unable to open": "a file that may be read and written, in a folder that may be too",
