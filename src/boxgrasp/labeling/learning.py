@@ -12,11 +12,12 @@ import logging
 import os
 import re
 import shutil
+import threading
 import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -30,7 +31,7 @@ from boxgrasp.errors import BoxgraspError, ConfigError, WorkError
 from boxgrasp.execution import Background, Store, Workers, local_workers
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.labeling.captures import CaptureStore
-from boxgrasp.labeling.lessons import Labels, LessonConfig, Lessons, lessons_of
+from boxgrasp.labeling.lessons import LessonConfig, Lessons, lessons_of
 from boxgrasp.ranking.model_set import SVMS, VERSIONS, help_label
 from boxgrasp.strict import build, plain
 from boxgrasp.teaching.fitting import Held, answers, fit_version
@@ -55,8 +56,6 @@ _UNFINISHED: Final = ".unfinished-"
 _STALE_S: Final = 86400.0  # of what a killed server left; no training takes a day
 _TOLD: Final = "learned.json"
 _log = logging.getLogger("boxgrasp.labeling")
-
-OpenLabels = Callable[[], AbstractContextManager[Labels]]
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,7 @@ class LearningTask:
     """All that the process needs, picklable.
 
     Attributes:
-        open_labels: gives the labels.
+        database: of the labels.
         captures: place of the captures.
         folder: where the models go, made by the process and renamed by the caller.
         lesson: how labels are made into rows.
@@ -180,7 +179,7 @@ class LearningTask:
         params: how it learns.
     """
 
-    open_labels: OpenLabels
+    database: str
     captures: str
     folder: Path
     lesson: LessonConfig = LessonConfig()
@@ -191,27 +190,30 @@ class LearningTask:
 class Learner:
     """Trains in a process of its own, one training at a time, and keeps what came of each.
 
+    Safe from several threads.
+
     Args:
-        folder: on this machine, where models are kept.
-        open_labels: a function of a module, or `functools.partial` of one, that opens the record.
+        database: of the labels, as `Record.open` takes it.
         captures: place of the captures.
+        folder: on this machine, where models are kept.
         lesson: how labels are made into rows.
         params: how it learns.
     """
 
     def __init__(
         self,
-        folder: str | os.PathLike[str],
-        open_labels: OpenLabels,
+        database: str,
         captures: str,
+        folder: str | os.PathLike[str],
         lesson: LessonConfig | None = None,
         params: LearningParams | None = None,
     ) -> None:
         self.folder = Path(folder)
         self._task = LearningTask(
-            open_labels, captures, self.folder, lesson or LessonConfig(), None,
+            database, captures, self.folder, lesson or LessonConfig(), None,
             params or LearningParams(),
         )  # fmt: skip
+        self._lock = threading.RLock()
         self._running: tuple[Background, Path] | None = None
         self._status = LearningStatus("idle")
         _remove_stale(self.folder)
@@ -226,12 +228,13 @@ class Learner:
             ConfigError: it is learning already.
             MissingExtraError: an extra that training needs is not installed.
         """
-        if self.status().state == "running":
-            raise ConfigError("it is learning already; valid: wait for it, or cancel it")
-        folder = self.folder / f"{_UNFINISHED}{uuid.uuid4().hex}"
-        task = replace(self._task, folder=folder, mix=mix)
-        self._running = Background(learn, task), folder
-        self._status = replace(self._status, state="running", fraction=0.0, message="starting")
+        with self._lock:
+            if self.status().state == "running":
+                raise ConfigError("it is learning already; valid: wait for it, or cancel it")
+            folder = self.folder / f"{_UNFINISHED}{uuid.uuid4().hex}"
+            task = replace(self._task, folder=folder, mix=mix)
+            self._running = Background(learn, task), folder
+            self._status = replace(self._status, state="running", fraction=0.0, message="starting")
 
     def status(self) -> LearningStatus:
         """How far it is; quick, to be asked often.
@@ -239,28 +242,30 @@ class Learner:
         Returns:
             The status.
         """
-        if self._running is None:
+        with self._lock:
+            if self._running is None:
+                return self._status
+            running, folder = self._running
+            if running.finished():
+                self._running = None
+                self._status = self._finished(running, folder)
+                shutil.rmtree(folder, ignore_errors=True)
+            else:
+                fraction, message = _progress_in(folder)
+                self._status = replace(self._status, fraction=fraction, message=message)
             return self._status
-        running, folder = self._running
-        if running.finished():
-            self._running = None
-            self._status = self._finished(running, folder)
-            shutil.rmtree(folder, ignore_errors=True)
-        else:
-            fraction, message = _progress_in(folder)
-            self._status = replace(self._status, fraction=fraction, message=message)
-        return self._status
 
     def cancel(self) -> None:
         """End the learning at once; what was learned before stays."""
-        if self._running is not None:
+        with self._lock:
+            if self._running is None:
+                return
             running, folder = self._running
             self._running = None
             running.end()
             shutil.rmtree(folder, ignore_errors=True)
-            self._status = replace(
-                self._status, state="idle", fraction=0.0, message="the learning was cancelled"
-            )
+            said = "the learning was cancelled"
+            self._status = replace(self._status, state="idle", fraction=0.0, message=said)
 
     def models(self) -> list[Learned]:
         """What was learned so far.
@@ -454,7 +459,9 @@ class _Telling:
 def _lessons(task: LearningTask, progress: _Progress) -> Lessons:
     mix = None if task.mix is None else read_set(Store(task.mix))
     captures = CaptureStore(Store(task.captures))
-    with local_workers(1) as workers, task.open_labels() as labels:
+    from boxgrasp.labeling.record import Record  # SQLAlchemy, in the process alone
+
+    with local_workers(1) as workers, Record.open(task.database, create=False) as labels:
         telling = _Telling(workers, progress)
         return lessons_of(labels, captures, telling, task.lesson, mix=mix, title="")
 
