@@ -35,7 +35,7 @@ from boxgrasp.labeling.lessons import LessonConfig, Lessons, lessons_of
 from boxgrasp.ranking.model_set import SVMS, VERSIONS, help_label
 from boxgrasp.strict import build, plain
 from boxgrasp.teaching.fitting import Held, answers, fit_version
-from boxgrasp.teaching.search import FOLDS, SearchParams, folds_of
+from boxgrasp.teaching.search import FOLDS, SEARCH, SearchParams, folds_of
 from boxgrasp.teaching.sets import Rows, read_set
 from boxgrasp.teaching.train import SCENE_KEY, Taught, trained_json, training_task
 from boxgrasp.version import __version__
@@ -44,8 +44,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 State = Literal["idle", "running", "done", "failed"]
 
-# A quarter of the pairs of `boxgrasp train`, over the same range: a person waits for it. On 800
-# labels of the stand-in the accuracy of no SVM fell by more than docs/teaching.md tells.
+# A third of the pairs of `boxgrasp train`, over the same range.
 QUICK: Final = SearchParams(
     costs=tuple(float(2**k) for k in (-1.0, 1.5, 4.0, 6.5, 9.0)),
     gammas=tuple(float(2**k) for k in (-10.0, -7.5, -5.0, -2.5, 0.0)),
@@ -63,7 +62,9 @@ class LearningParams:
     """How the page learns.
 
     Attributes:
-        search: the pairs of C and gamma that are tried.
+        search: the pairs of C and gamma that are tried, those of `boxgrasp train`.
+        quick: in place of them where a person would wait too long.
+        quick_above: examples above which that is.
         least_scenes: scenes that must be labeled: one for each fold of the cross-validation.
         sizes: how many points the curve has.
         first_size: labels of its first point, where there are more than that.
@@ -73,7 +74,9 @@ class LearningParams:
             no such thing.
     """
 
-    search: SearchParams = QUICK
+    search: SearchParams = SEARCH
+    quick: SearchParams = QUICK
+    quick_above: int = 200
     least_scenes: int = FOLDS
     sizes: int = 6
     first_size: int = 10
@@ -412,7 +415,7 @@ def learn(task: LearningTask) -> Learned:
         box_kinds=dict(lessons.box_kinds),
         commonest=float(np.bincount(label).max() / len(label)),
         versions=tuple(versions),
-        notes=lessons.notes + _thin(label, lines),
+        notes=_notes(lessons, task.params),
         seconds=round(time.monotonic() - start, 1),
     )
 
@@ -493,11 +496,12 @@ def _models(
     """Train and write the eight; C and gamma by the SVM's name, and by version what it lacks."""
     held: dict[str, tuple[float, float]] = {}
     whys: dict[str, str] = {}
+    search = _search(taught, task.params)
     for k, svm in enumerate(SVMS):
         share = _ROWS_DONE + (_SVMS_DONE - _ROWS_DONE) * k / len(SVMS)
         progress.tell(f"training {svm.name}, {k + 1} of {len(SVMS)}", share)
         try:
-            kept = json.loads(trained_json(training_task(taught, svm, 0, task.params.search)))
+            kept = json.loads(trained_json(training_task(taught, svm, 0, search)))
         except ConfigError as error:
             held[svm.name] = task.params.held
             whys.setdefault(svm.version, str(error))
@@ -505,6 +509,10 @@ def _models(
         held[svm.name] = kept["record"]["C"], kept["record"]["gamma"]
         Store(task.folder).write(f"{svm.name}.onnx", base64.b64decode(kept["onnx"]))
     return held, whys
+
+
+def _search(taught: Taught, params: LearningParams) -> SearchParams:
+    return params.search if taught.rows.count <= params.quick_above else params.quick
 
 
 @dataclass(frozen=True, eq=False)
@@ -576,13 +584,23 @@ def _version_learned(
     )
 
 
-def _thin(label: Array, lines: int) -> tuple[str, ...]:
-    """What answers have fewer labels than folds, in one sentence."""
-    thin = {one: count for one, count in Counter(label.tolist()).items() if count < FOLDS}
-    if not thin:
-        return ()
-    each = ", ".join(f"{_answer_name(one, lines)} ({count})" for one, count in sorted(thin.items()))
-    return (f"answers with fewer than {FOLDS} labels are hardly learned: {each}",)
+def _notes(lessons: Lessons, params: LearningParams) -> tuple[str, ...]:
+    """What the user should know: what has few labels, and where the search was coarser."""
+    taught, notes = lessons.taught, list(lessons.notes)
+    counts = Counter(taught.rows["label"].tolist())
+    thin = [
+        f"{_answer_name(one, taught.provenance.lines)} ({count})"
+        for one, count in sorted(counts.items())
+        if count < FOLDS
+    ]
+    if thin:
+        each = ", ".join(thin)
+        notes.append(f"answers with fewer than {FOLDS} labels are hardly learned: {each}")
+    if _search(taught, params) != params.search:
+        notes.append(
+            "C and gamma were searched in coarser steps than `boxgrasp train --labels` does"
+        )
+    return tuple(notes)
 
 
 def _answer_name(label: int, lines: int) -> str:
