@@ -16,7 +16,12 @@ import numpy as np
 from boxgrasp.arrays import Floats, readonly
 from boxgrasp.errors import BoxgraspError, CaptureError, CodedWarning, require, shown
 from boxgrasp.forks import cached_property
-from boxgrasp.geometry.transforms import validate_transform
+from boxgrasp.geometry.transforms import (
+    invert,
+    make_transform,
+    quaternion_xyzw,
+    validate_transform,
+)
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.grasps.checks.check import Rejection, measured, spelled
 from boxgrasp.grasps.gripper import Gripper
@@ -27,6 +32,12 @@ SCHEMA = 2
 # Why a person is asked: codes of a `Refusal`.
 NO_CANDIDATE_PASSES = "no_candidate_passes"
 RANKER_ASKS = "ranker_asks"  # it predicts that its operator would help, whatever passes
+PERSON_WOULD_HELP = "person_would_help"  # a person says that no candidate would do
+BOX_WRONG = "box_wrong"  # a person says that the box is not the target's
+# Of an answer that a person was asked for.
+PERSON = "person"  # its ranker, where the person took a candidate
+PERSON_OVERRODE_CHECKS = "person_overrode_checks"  # a warning: that candidate failed some
+NOBODY_ANSWERED = "nobody_answered"  # a warning: the time ran out
 JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
 
 
@@ -160,13 +171,49 @@ class Grasp:
         return face_name(self.face)
 
 
+def grasp_of(
+    chosen: Candidate, gripper: Gripper, pregrasp_distance_m: float, confidence: float | None
+) -> Grasp:
+    """The grasp that a candidate is, whoever chose it.
+
+    Args:
+        chosen: the candidate.
+        gripper: the hand.
+        pregrasp_distance_m: from the start of the approach to the grasp, m.
+        confidence: of who chose it, in [0, 1]; None where none is told.
+
+    Returns:
+        Its poses in the base frame.
+    """
+    T, flange = chosen.T_base_gripper, gripper.flange_pose
+    back = make_transform(np.eye(3), (-pregrasp_distance_m, 0.0, 0.0))
+    visible = chosen.checks.get("visible_clearance")
+    return Grasp(
+        label=chosen.label,
+        face=chosen.face,
+        line=chosen.line,
+        T_base_gripper=T,
+        T_base_tcp=readonly(T @ gripper.tcp_pose),
+        T_base_pregrasp=readonly(T @ back),
+        position_m=readonly(T[:3, 3].copy()),
+        quaternion_xyzw=readonly(quaternion_xyzw(T[:3, :3])),
+        opening_m=gripper.fingers_open_m,
+        width_m=chosen.width_m,
+        clearance_m=None if visible is None else visible.value,
+        clearance_at_least_m=None,
+        probability_clear=None,
+        confidence=confidence,
+        T_base_flange=None if flange is None else readonly(T @ invert(flange)),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Refusal:
     """Why a person is asked.
 
     Attributes:
-        code: `no_candidate_passes`, or `ranker_asks` where the ranker predicts that its operator
-            would help.
+        code: `no_candidate_passes`; `ranker_asks` where the ranker predicts that its operator
+            would help; `person_would_help` or `box_wrong` where a person was asked and said so.
         message: one sentence.
         nearest_label: label of the best candidate that passes, which only a ranker that asks
             leaves; else of the one that failed fewest checks, and those by least.
@@ -253,6 +300,57 @@ class Selection:
         answer = replace(self)
         object.__setattr__(answer, "_seen", capture)
         return answer
+
+    def taken(self, label: int, pregrasp_distance_m: float, by: str = PERSON) -> Selection:
+        """The same answer with a candidate that somebody else chose, whatever the checks say.
+
+        Args:
+            label: of the candidate.
+            pregrasp_distance_m: as the configuration's `checks.pregrasp_distance_m`, m.
+            by: who chose it, told as the ranker.
+
+        Returns:
+            A grasp with that candidate's poses and numbers, without confidence; it warns of every
+            check that the candidate fails.
+
+        Raises:
+            BoxgraspError: there is no such candidate.
+        """
+        chosen = self.candidate(label)
+        failed = [name for name, said in chosen.checks.items() if not said.passed]
+        warnings = self.warnings
+        if failed:
+            reasons = "; ".join(item.sentence for item in chosen.rejections)
+            said = f"{chosen.name} was taken by a {by} although {', '.join(failed)} failed"
+            warnings += (CodedWarning(PERSON_OVERRODE_CHECKS, f"{said}: {reasons}"),)
+        grasp = grasp_of(chosen, self.gripper, pregrasp_distance_m, None)
+        return replace(self, grasp=grasp, refusal=None, ranker=by, warnings=warnings)
+
+    def asking(self, code: str, message: str) -> Selection:
+        """The same answer as a question, for another reason.
+
+        Args:
+            code: why, for programs.
+            message: why, in a sentence.
+
+        Returns:
+            An `ask`; it names the candidate that was the grasp, or was nearest to one.
+        """
+        nearest = self.shown
+        assert nearest is not None  # an answer has a grasp or a refusal
+        refusal = Refusal(code, message, nearest.label, nearest.rejections)
+        return replace(self, grasp=None, refusal=refusal)
+
+    def with_warnings(self, *warnings: CodedWarning) -> Selection:
+        """The same answer with more warnings.
+
+        Args:
+            warnings: what follows those that it has.
+
+        Returns:
+            A copy.
+        """
+        return replace(self, warnings=(*self.warnings, *warnings))
 
     @property
     def schema(self) -> int:

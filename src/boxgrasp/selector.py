@@ -25,7 +25,7 @@ from boxgrasp.errors import (
     shown,
 )
 from boxgrasp.geometry.box import Box
-from boxgrasp.geometry.transforms import invert, make_transform, quaternion_xyzw
+from boxgrasp.geometry.transforms import invert
 from boxgrasp.grasps.candidates import FACES, Candidates, candidates_of
 from boxgrasp.grasps.checks import Check, CheckContext, CheckResult, plugin_checks, shipped_checks
 from boxgrasp.grasps.checks.check import validate_check, validate_result
@@ -58,10 +58,10 @@ from boxgrasp.result import (
     RANKER_ASKS,
     Candidate,
     CheckValue,
-    Grasp,
     Refusal,
     Selection,
     TargetBox,
+    grasp_of,
 )
 from boxgrasp.sensing.capture import Capture
 from boxgrasp.strict import build
@@ -408,7 +408,12 @@ class GraspSelector:
         return Selection(
             grasp=None
             if chosen is None
-            else self._grasp(reports[chosen], float(ranking.confidence[chosen])),
+            else grasp_of(
+                reports[chosen],
+                config.gripper,
+                config.checks.pregrasp_distance_m,
+                float(ranking.confidence[chosen]),
+            ),
             refusal=_refusal(analysis, reports, ranking) if chosen is None else None,
             candidates=reports,
             box=_target_box(analysis),
@@ -420,29 +425,6 @@ class GraspSelector:
             config_hash=self._hash,
             timings_ms={},
             version=__version__,
-        )
-
-    def _grasp(self, chosen: Candidate, confidence: float) -> Grasp:
-        T, gripper = chosen.T_base_gripper, self.config.gripper
-        back = make_transform(np.eye(3), (-self.config.checks.pregrasp_distance_m, 0.0, 0.0))
-        visible = chosen.checks.get("visible_clearance")
-        flange = gripper.flange_pose
-        return Grasp(
-            label=chosen.label,
-            face=chosen.face,
-            line=chosen.line,
-            T_base_gripper=T,
-            T_base_tcp=readonly(T @ gripper.tcp_pose),
-            T_base_pregrasp=readonly(T @ back),
-            position_m=readonly(T[:3, 3].copy()),
-            quaternion_xyzw=readonly(quaternion_xyzw(T[:3, :3])),
-            opening_m=gripper.fingers_open_m,
-            width_m=chosen.width_m,
-            clearance_m=None if visible is None else visible.value,
-            clearance_at_least_m=None,
-            probability_clear=None,
-            confidence=confidence,
-            T_base_flange=None if flange is None else readonly(T @ invert(flange)),
         )
 
 

@@ -14,6 +14,7 @@ from boxgrasp.cli import FAILED, _arguments, complain, reason
 from boxgrasp.errors import BoxgraspError
 
 if TYPE_CHECKING:
+    from boxgrasp.perception.target import Target
     from boxgrasp.result import Selection
     from boxgrasp.sensing.capture import Capture
 
@@ -29,12 +30,16 @@ class Answered:
         name: what lines for people call it: its path, and its target where a file names it.
         capture: the view.
         selection: the answer.
+        target: what was asked for; None for the capture's own.
+        pregrasp_distance_m: that the answer was made with, m.
     """
 
     number: int
     name: str
     capture: Capture
     selection: Selection
+    target: Target | None
+    pregrasp_distance_m: float
 
 
 def each(
@@ -106,7 +111,9 @@ def answer_each(
         wanted = target if own is None else _arguments.target_of(own)
         selection = selector.select(capture, wanted, scans=scans, octomap=octomap)
         selection = dataclasses.replace(selection, capture=path)
-        tell(Answered(number, asked[number - 1].name, capture, selection))
+        distance_m = selector.config.checks.pregrasp_distance_m
+        name = asked[number - 1].name
+        tell(Answered(number, name, capture, selection, wanted, distance_m))
 
     return each(
         [item.name for item in asked],

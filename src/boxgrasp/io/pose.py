@@ -1,4 +1,4 @@
-"""Where a camera stands, from a small file: a matrix, or a position and a quaternion."""
+"""Where a camera or a gripper is, from a small file: a matrix, or position and quaternion."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ import numpy as np
 
 from boxgrasp.arrays import Floats
 from boxgrasp.errors import CaptureError
-from boxgrasp.geometry.transforms import make_transform, rotation_of
+from boxgrasp.geometry.transforms import make_transform, rotation_of, validate_transform
 from boxgrasp.io.npz import read_npy
 from boxgrasp.io.refusals import refusals_of
 from boxgrasp.sensing.validation import validate_pose
 from boxgrasp.strict import parse_yaml
 
 _MAX_BYTES: Final = 1 << 16  # sixteen numbers take less
+_GRIPPER: Final = "T_base_gripper"
+_FARTHEST_M: Final = 20.0  # of a gripper from its base; an arm on a rail reaches less
 _NORM_TOLERANCE: Final = 1e-2  # of a quaternion's length from 1
 _PLACES: Final = ("position", "translation", "position_m")
 _TURNS: Final = ("quaternion", "quaternion_xyzw", "rotation", "orientation")
@@ -61,6 +63,37 @@ def pose_of(found: Any) -> Floats:
     pose = validate_pose(_matrix(found))
     assert pose is not None
     return pose
+
+
+def gripper_pose(text: str) -> Floats:
+    """The pose of a gripper's frame in the base frame.
+
+    Args:
+        text: path of such a file, whose object may hold `T_base_gripper`; or seven numbers, x, y, z
+            and a quaternion x, y, z, w, with blanks or commas between them.
+
+    Returns:
+        (4, 4) float64 T_base_gripper, m, read-only.
+
+    Raises:
+        CaptureError: missing, unreadable, or no rigid transform in meters.
+    """
+    words = text.replace(",", " ").split()
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    with refusals_of("pose" if numbers else Path(text)):
+        found = numbers or _read(Path(text))
+        if isinstance(found, Mapping) and _GRIPPER in found:
+            found = found[_GRIPPER]
+        matrix = validate_transform(_matrix(found), _GRIPPER)
+        if np.abs(matrix[:3, 3]).max() > _FARTHEST_M:
+            raise CaptureError(
+                f"{_GRIPPER} is at {matrix[:3, 3].tolist()}, which looks like millimeters; "
+                "valid: meters"
+            )
+        return matrix
 
 
 def _read(path: Path) -> Any:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxgrasp.arrays import Bools
 from boxgrasp.config import Config
@@ -22,6 +23,7 @@ from boxgrasp.execution.progress import progress
 from boxgrasp.io import load_capture
 from boxgrasp.labeling.captures import CaptureStore
 from boxgrasp.labeling.words import LabelScene
+from boxgrasp.perception.numbering import SceneObject
 from boxgrasp.perception.scene import Scene
 from boxgrasp.perception.target import Target, find_target
 from boxgrasp.selector import GraspSelector
@@ -392,18 +394,31 @@ def targets_in(capture: Capture, selector: GraspSelector) -> list[dict[str, Any]
         return [{"pixel": list(capture.target_pixel)}]
     scene = selector.scene(capture)
     image = scene.object_image() if scene.shape is not None else None
-    found = []
-    for item in scene.objects_with_pixels():
-        pixels = [] if image is None else [_deepest(image == item.number), item.pixel]
-        ways: list[tuple[dict[str, Any], Target]] = [
-            ({"pixel": list(pixel)}, Target(pixel=pixel)) for pixel in pixels if pixel is not None
-        ]
-        point = _point_on(scene, item.number)
-        ways.append(({"point": list(point)}, Target(point=point)))
-        way = next((told for told, to in ways if _leads_to(scene, capture, to, item.number)), None)
-        if way is not None:
-            found.append(way)
-    return found
+    told = [plain_target(scene, capture, item, image) for item in scene.objects_with_pixels()]
+    return [target for target in told if target is not None]
+
+
+def plain_target(
+    scene: Scene, capture: Capture, item: SceneObject, image: NDArray[np.int32] | None
+) -> dict[str, Any] | None:
+    """Plain values that lead back to an object.
+
+    Args:
+        scene: that found it.
+        capture: the view.
+        item: the object, of `scene.objects_with_pixels()`.
+        image: (H, W) of `scene.object_image()`; None without an image.
+
+    Returns:
+        As `LabelScene.target`; None where nothing leads back to it.
+    """
+    pixels = [] if image is None else [_deepest(image == item.number), item.pixel]
+    ways: list[tuple[dict[str, Any], Target]] = [
+        ({"pixel": list(pixel)}, Target(pixel=pixel)) for pixel in pixels if pixel is not None
+    ]
+    point = _point_on(scene, item.number)
+    ways.append(({"point": list(point)}, Target(point=point)))
+    return next((told for told, to in ways if _leads_to(scene, capture, to, item.number)), None)
 
 
 def capture_paths(place: Path) -> Iterator[Path]:

@@ -395,6 +395,23 @@ class Record:
         if ask_of(kept) != ask:
             raise LabelError(f"ask {ask.id} is kept already and differs; valid: an id of its own")
 
+    def ask(self, id: str) -> Ask | None:
+        """A question, whatever became of it.
+
+        Args:
+            id: of the ask.
+
+        Returns:
+            The ask; None where none has this id.
+
+        Raises:
+            StoreError: the database cannot be read.
+        """
+        with self._database.reads() as connection:
+            query = sa.select(ASKS).where(ASKS.c.id == id)
+            found = connection.execute(query).mappings().one_or_none()
+            return None if found is None else ask_of(found)
+
     def open_asks(self, now: datetime) -> list[Ask]:
         """What robots still wait for.
 

@@ -28,7 +28,8 @@ _ERRORS: Final = {
     400: "the request cannot be read",
     401: "the token is missing or wrong",
     403: "the request comes from another site's page",
-    404: "there is no such thing",
+    404: "no such ask is known",
+    409: "the ask's id is taken by another capture",
     413: "too large",
     415: "the body is of another type",
     422: "no answer is possible: no table, or no object where the target was pointed at",
@@ -109,11 +110,13 @@ def upload(more: Mapping[str, tuple[str, str]] | None = None) -> dict[str, Any]:
 UPLOAD: Final = upload()
 
 
-def answers(status: int, errors: Sequence[int], schema: str = "Selection") -> dict[int | str, Any]:
+def answers(
+    status: int | None, errors: Sequence[int], schema: str = "Selection"
+) -> dict[int | str, Any]:
     """The answers of a route.
 
     Args:
-        status: of a good one.
+        status: of a good one; None for one without a body.
         errors: statuses of the others; what the layer before the app answers is added.
         schema: component that a good answer has.
 
@@ -121,7 +124,9 @@ def answers(status: int, errors: Sequence[int], schema: str = "Selection") -> di
         What `responses` of a route takes.
     """
     said = {"Selection": "The answer, schema 2", "Asked": "The ask is in the queue"}
-    found: dict[int | str, Any] = {status: _answer(said.get(schema, schema), schema)}
+    found: dict[int | str, Any] = {}
+    if status is not None:
+        found[status] = _answer(said[schema], schema)
     for code in sorted({401, 403, *errors}):
         found[code] = _answer(_ERRORS[code], "Error")
     return found
@@ -172,5 +177,17 @@ def _schemas() -> dict[str, Any]:
         "type": "object",
         "required": ["error"],
         "properties": {"error": line},
+    }
+    schemas["Asked"] = {
+        "type": "object",
+        "required": ["id", "seconds_left"],
+        "properties": {
+            "id": {"type": "string", "format": "uuid", "description": "of the ask"},
+            "seconds_left": {"type": "number", "minimum": 0},
+            "selection": {
+                "$ref": f"{_COMPONENT}Selection",
+                "description": "the robot's own answer, where the ask was put",
+            },
+        },
     }
     return schemas

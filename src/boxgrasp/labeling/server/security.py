@@ -22,6 +22,7 @@ from typing import Any, Final
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 
 from boxgrasp.errors import ConfigError
+from boxgrasp.labeling.client import TOKEN_VARIABLE
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -29,7 +30,6 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-TOKEN_VARIABLE: Final = "BOXGRASP_TOKEN"
 COOKIE: Final = "boxgrasp_token"
 # For uvicorn: its logs of requests and of WebSockets would hold `?token=...`; and no header of a
 # client is believed about where it comes from.
