@@ -664,8 +664,11 @@ def test_a_writer_that_is_killed_loses_and_doubles_nothing(url: str) -> None:
         assert Counter(item.scene_key for item in labels) == {item.key: 1 for item in scenes}
 
 
-def test_a_server_that_was_killed_is_reached_again(server: PostgresServer) -> None:
-    with Record.open(server.new_database()) as record:
+def test_a_server_that_was_killed_is_reached_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    # A server of its own: one with many databases takes seconds to come back.
+    with running_postgres() as server, Record.open(server.new_database()) as record:
         record.add_scenes(SOURCE, [scene(k) for k in range(2)])
         first = record.save(label(scene(0).key))
         server.stop()
@@ -675,6 +678,7 @@ def test_a_server_that_was_killed_is_reached_again(server: PostgresServer) -> No
         server.start()
         second = record.save(label(scene(1).key, at=1))
         assert record.standing() == [first, second]
+        assert caplog.records == []  # the driver's traces would be printed
 
 
 # How far, and how alike.
@@ -722,6 +726,25 @@ def test_kappa_is_that_of_scikit_learn(pairs: list[tuple[str, str]]) -> None:
         return
     theirs = metrics.cohen_kappa_score([a for a, _ in pairs], [b for _, b in pairs])
     assert ours == pytest.approx(theirs, abs=1e-12)
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv"])
+def test_a_file_carries_all_from_one_database_into_another(
+    url: str, kept: Record, tmp_path: Path, suffix: str
+) -> None:
+    exchange = pytest.importorskip("boxgrasp.labeling.record.exchange")
+    there, back = tmp_path / f"labels.{suffix}", tmp_path / f"back.{suffix}"
+    kept.add_scenes(SOURCE, [captured(1), scene(0)])
+    first = kept.save(full_label())
+    for at in (1.5, 2.5):
+        first = kept.save(replace(first, id=new_id(), labeled_at=after(at), supersedes=first.id))
+    exchange.export_labels(kept, str(there))
+    with Record.open(url) as other:
+        assert exchange.import_labels(other, str(there)) == (3, 0)
+        assert exchange.import_labels(other, str(there)) == (0, 3)
+        assert other.kept() == kept.kept() and other.standing() == [first]
+        exchange.export_labels(other, str(back))
+    assert back.read_bytes() == there.read_bytes()
 
 
 # What robots ask.

@@ -29,6 +29,7 @@ COMMANDS = {
     "config": "print the configuration as it is resolved",
     "warm-up": "compile every kernel once, so that no command waits for it later",
     "simulate": "cast a set of labeled scenarios with their truth",
+    "labels": "count what operators labeled, and carry it from one database to another",
     "train": "train the thesis's eight SVMs on a set",
     "label": "serve the page on which an operator teaches the robot",
     "assist": "serve the page on which the robot proposes and an operator decides",

@@ -17,6 +17,7 @@ from boxgrasp.labeling.words import ORIGINS, VERDICTS, Ask, LabelScene, Operator
 FACES = 6
 MOST_LINES = 99
 LONGEST_NOTE = 10_000  # characters; a page of text is 3,000
+LONGEST = 100_000  # characters of any text; a cell of CSV has 131,072 at most
 LONGEST_NAME = 200  # characters of an operator's or an asker's name
 _KEY = re.compile(rf"[A-Za-z0-9._-]{{1,{KEY_LENGTH}}}")
 _KINDS = get_args(SceneKind)
@@ -164,6 +165,10 @@ def _storable(row: Mapping[str, Any], name: str) -> None:
                     f"{name} {column} is not plain: {error}; valid: values as JSON has"
                 ) from None
         for text in texts:
+            if len(text) > LONGEST:
+                raise LabelError(
+                    f"{name} {column} has {len(text)} characters; valid: {LONGEST} at most"
+                )
             if "\0" in text or "\\u0000" in text:
                 raise LabelError(f"{name} {column} holds a NUL; valid: text without")
             try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sqlite3
 import threading
@@ -58,7 +59,7 @@ class Database:
         self._writer = self._engine.execution_options(**{_WRITES: True})
         try:
             with self._told():
-                self._set_up()
+                self._set_up(create)
         except BaseException:
             self._engine.dispose()
             raise
@@ -96,21 +97,27 @@ class Database:
 
     def _make_engine(self, url: sa.URL) -> sa.Engine:
         if not self._is_sqlite:
+            logging.getLogger("sqlalchemy.pool.impl.QueuePool").addFilter(_is_of_use)
             return sa.create_engine(url, pool_pre_ping=True, connect_args={"timeout": 30})
         engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
         sa.event.listen(engine, "connect", _set_up_sqlite)
         sa.event.listen(engine, "begin", _begin_sqlite)
         return engine
 
-    def _set_up(self) -> None:
+    def _set_up(self, create: bool) -> None:
         """Make the tables, or bring them to this schema; several processes may do so at once."""
-        if self._is_sqlite:
-            self._log_ahead()
         script = ScriptDirectory(str(_MIGRATIONS))
         head = script.get_current_head()
-        with self._engine.begin() as connection:
-            if self._revision(connection, script) == head:
-                return
+        with self._engine.begin() as connection:  # before anything is written to it
+            found = self._revision(connection, script)
+        if found is None and not create:
+            raise StoreError(
+                f"{self.name}: holds no labels; valid: a database of boxgrasp's labels"
+            )
+        if self._is_sqlite:
+            self._log_ahead()
+        if found == head:
+            return
         with self._writer.begin() as connection:
             if not self._is_sqlite:
                 connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_SETUP_LOCK)))
@@ -241,6 +248,11 @@ def _look_at_file(path: str, create: bool) -> None:
         raise StoreError(f"{path}: {folder} is no folder; valid: a file in a folder that is there")
     if not create and not os.path.exists(path):
         raise StoreError(f"{path}: no such file; valid: a database of boxgrasp's labels")
+
+
+def _is_of_use(record: logging.LogRecord) -> bool:
+    """Not that a connection, which a restarted server broke, could not be closed: with a trace."""
+    return not str(record.msg).startswith("Exception terminating connection")
 
 
 def _set_up_sqlite(connection: sqlite3.Connection, record: object) -> None:

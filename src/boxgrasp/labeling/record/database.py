@@ -14,6 +14,7 @@ from boxgrasp.errors import LabelError, StoreError
 from boxgrasp.labeling.record import agreement, labels, turns
 from boxgrasp.labeling.record.checks import check_ask, check_id, check_label, check_scene
 from boxgrasp.labeling.record.connection import Database, is_taken
+from boxgrasp.labeling.record.labels import KeptLabel
 from boxgrasp.labeling.record.tables import (
     ASK_FIELDS,
     ASKS,
@@ -35,7 +36,6 @@ from boxgrasp.labeling.words import (
 )
 
 _ROUNDS = 50  # how often the list of free scenes is made anew where others take all of it
-_BATCH = 500  # rows a statement
 _OF_CONTENT = ("kind", "box_kind", "lines", "capture_sha256", "target", "row_config", "number")
 
 
@@ -108,7 +108,8 @@ class Record:
         if wanted.keys() <= known.keys():
             return
         with self._database.writes() as connection:
-            put_scenes(connection, source, list(wanted.values()))
+            _put_scenes(connection, wanted)
+            _place(connection, source, {key: scene.name for key, scene in wanted.items()})
 
     def scene(self, key: str) -> LabelScene:
         """A scene.
@@ -343,6 +344,61 @@ class Record:
         with self._database.reads() as connection:
             return labels.history(connection, scene_key)
 
+    def kept(self) -> list[KeptLabel]:
+        """Every row with its scene, as `take_in` takes it.
+
+        Returns:
+            The oldest first.
+
+        Raises:
+            StoreError: the database cannot be read.
+        """
+        with self._database.reads() as connection:
+            scenes = {scene.key: scene for scene in _scenes(connection, None)}
+            placed = connection.execute(
+                sa.select(SOURCES.c.scene_key, SOURCES.c.source, SOURCES.c.name).order_by(
+                    SOURCES.c.source
+                )
+            )
+            sources: dict[str, dict[str, str]] = {key: {} for key in scenes}
+            for key, source, name in placed:
+                sources[key][source] = name
+            rows = labels.history(connection)
+        return [KeptLabel(row, scenes[row.scene_key], sources[row.scene_key]) for row in rows]
+
+    def take_in(self, kept: Sequence[KeptLabel]) -> int:
+        """Add labels of another record with their scenes; all of them or none.
+
+        Args:
+            kept: in any order; what is there already is not added again.
+
+        Returns:
+            How many were new.
+
+        Raises:
+            LabelError: one contradicts what is there.
+            StoreError: the database cannot be written.
+        """
+        scenes: dict[str, LabelScene] = {}
+        sources: dict[str, dict[str, str]] = {}
+        for item in kept:
+            check_scene(item.scene)
+            check_label(item.label)
+            _check_same({item.scene.key: item.scene}, scenes)
+            scenes.setdefault(item.scene.key, item.scene)
+            for source, name in item.sources.items():
+                sources.setdefault(source, {})[item.scene.key] = name
+        try:
+            with self._database.writes() as connection:
+                _put_scenes(connection, scenes)
+                for source, names in sources.items():
+                    _place(connection, source, names)
+                return labels.take_in(connection, [item.label for item in kept])
+        except IntegrityError:
+            raise StoreError(
+                f"{self.name}: another one added a label meanwhile; valid: to try again"
+            ) from None
+
     def progress(self, source: str, operator: str, now: datetime) -> Progress:
         """How far one operator, and all of them, are.
 
@@ -485,36 +541,35 @@ def _scenes(connection: sa.Connection, source: str | None) -> list[LabelScene]:
     return [scene_of(row) for row in connection.execute(query).mappings()]
 
 
-def put_scenes(connection: sa.Connection, source: str, scenes: Sequence[LabelScene]) -> None:
-    """Add checked scenes to a source, behind those that it has.
-
-    Args:
-        connection: of a transaction that writes.
-        source: a set, a folder of captures.
-        scenes: in order.
+def _put_scenes(connection: sa.Connection, scenes: dict[str, LabelScene]) -> None:
+    """Add checked scenes that are not there yet.
 
     Raises:
         LabelError: one is another one than what is known by its key.
     """
-    last = sa.select(sa.func.max(SOURCES.c.position)).where(SOURCES.c.source == source)
-    start = connection.scalar(last)
-    first = 0 if start is None else start + 1
-    places = [
-        {"source": source, "scene_key": scene.key, "position": first + k, "name": scene.name}
-        for k, scene in enumerate(scenes)
-    ]
     # By key, so that two who add the same at once do not wait for each other in a circle.
-    rows = sorted((scene_row(scene) for scene in scenes), key=lambda row: str(row["key"]))
-    places.sort(key=lambda row: str(row["scene_key"]))
-    for k in range(0, len(rows), _BATCH):
-        some = rows[k : k + _BATCH]
+    rows = [scene_row(scenes[key]) for key in sorted(scenes)]
+    for k in range(0, len(rows), labels.BATCH):
+        some = rows[k : k + labels.BATCH]
         connection.execute(_inserted(connection, SCENES).on_conflict_do_nothing(), some)
         keys = [row["key"] for row in some]
         found = connection.execute(sa.select(SCENES).where(SCENES.c.key.in_(keys))).mappings()
-        known = {row["key"]: scene_of(row) for row in found}
-        _check_same({scene.key: scene for scene in scenes}, known)
+        _check_same(scenes, {row["key"]: scene_of(row) for row in found})
+
+
+def _place(connection: sa.Connection, source: str, names: dict[str, str]) -> None:
+    """Put scenes, which are called so there, behind those that a source has."""
+    last = sa.select(sa.func.max(SOURCES.c.position)).where(SOURCES.c.source == source)
+    highest = connection.scalar(last)
+    first = 0 if highest is None else highest + 1
+    rows = [
+        {"source": source, "scene_key": key, "position": first + k, "name": name}
+        for k, (key, name) in enumerate(names.items())
+    ]
+    rows.sort(key=lambda row: str(row["scene_key"]))
+    for k in range(0, len(rows), labels.BATCH):
         placed = _inserted(connection, SOURCES).on_conflict_do_nothing()
-        connection.execute(placed, places[k : k + _BATCH])
+        connection.execute(placed, rows[k : k + labels.BATCH])
 
 
 def _check_same(wanted: dict[str, LabelScene], known: dict[str, LabelScene]) -> None:

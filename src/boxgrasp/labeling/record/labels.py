@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -20,13 +20,29 @@ from boxgrasp.labeling.record.tables import (
     label_row,
 )
 from boxgrasp.labeling.record.turns import stands
-from boxgrasp.labeling.words import OperatorLabel, Progress
+from boxgrasp.labeling.words import LabelScene, OperatorLabel, Progress
 from boxgrasp.strict import plain
 
+BATCH = 500  # rows a statement
 RECENT = 20  # labels that a rate is of
 PAUSE_S = 600.0  # a longer gap between two labels is a pause, which no rate counts
 # What the server notes when a save reaches it: another time at the second try of the same.
 _NOTED = ("labeled_at", "seconds", "version")
+
+
+@dataclass(frozen=True)
+class KeptLabel:
+    """A label with its scene, as it is carried from one record into another.
+
+    Attributes:
+        label: any row, superseded and withdrawn ones too.
+        scene: that it is of.
+        sources: what each source that has the scene calls it, by the source's name.
+    """
+
+    label: OperatorLabel
+    scene: LabelScene
+    sources: Mapping[str, str]
 
 
 def label_with(connection: sa.Connection, label_id: str) -> OperatorLabel | None:
@@ -135,6 +151,63 @@ def content(label: OperatorLabel) -> dict[str, Any]:
         name: json.loads(json.dumps(value)) if isinstance(value, dict | list) else value
         for name, value in fields.items()
     }
+
+
+def take_in(connection: sa.Connection, found: Sequence[OperatorLabel]) -> int:
+    """Add many labels, what is superseded before what supersedes it.
+
+    Args:
+        connection: of a transaction that writes.
+        found: checked ones, in any order; their scenes are there.
+
+    Returns:
+        How many were new.
+
+    Raises:
+        LabelError: one contradicts what is there, or another one.
+        IntegrityError: one does, by what another writer did at the same moment.
+    """
+    wanted: dict[str, OperatorLabel] = {}
+    for label in sorted(found, key=lambda item: item.labeled_at):
+        if content(wanted.setdefault(label.id, label)) != content(label):
+            raise LabelError(f"label {label.id} is there twice and differs; valid: one id a label")
+    known = _known(connection, list(wanted))
+    for label_id, kept in known.items():
+        if content(kept) != content(wanted[label_id]):
+            raise LabelError(f"label {label_id} is kept already and differs; valid: one id a label")
+    waiting = [label for label_id, label in wanted.items() if label_id not in known]
+    added = len(waiting)
+    while waiting:
+        names = {label.id for label in waiting}
+        ready = [label for label in waiting if label.supersedes not in names]
+        if not ready:
+            raise LabelError(f"label {waiting[0].id} supersedes itself; valid: an earlier label")
+        _insert_all(connection, ready)
+        ids = {label.id for label in ready}
+        waiting = [label for label in waiting if label.id not in ids]
+    return added
+
+
+def _insert_all(connection: sa.Connection, ready: Sequence[OperatorLabel]) -> None:
+    """Add labels of which none supersedes another one."""
+    corrected: set[str] = set()
+    for label in ready:
+        if label.supersedes is not None:
+            check_superseded(connection, label)
+            if label.supersedes in corrected:
+                raise superseded(label.supersedes)
+            corrected.add(label.supersedes)
+    for k in range(0, len(ready), BATCH):
+        connection.execute(sa.insert(LABELS), [label_row(x) for x in ready[k : k + BATCH]])
+
+
+def _known(connection: sa.Connection, ids: Sequence[str]) -> dict[str, OperatorLabel]:
+    found: dict[str, OperatorLabel] = {}
+    for k in range(0, len(ids), BATCH):
+        query = sa.select(LABELS).where(LABELS.c.id.in_(ids[k : k + BATCH]))
+        rows = connection.execute(query).mappings()
+        found |= {row["id"]: label_of(row) for row in rows}
+    return found
 
 
 def withdrawal(old: OperatorLabel, new_id: str, now: datetime) -> OperatorLabel:
