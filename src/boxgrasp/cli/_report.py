@@ -32,7 +32,7 @@ def summary(selection: Selection, name: str) -> str:
         lines.append(f"  target at {center} m, {selection.frame} frame")
     lines.append(
         f"  {len(selection.passing)} of {len(selection.candidates)} candidates pass, "
-        f"ordered by {selection.ranker}"
+        f"{selection.chosen_by}"
     )
     lines += [f"  warning: {warning.message}" for warning in selection.warnings]
     return "\n".join(lines)
