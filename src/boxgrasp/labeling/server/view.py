@@ -257,16 +257,27 @@ class OperatorView:
         if prepared is None:
             return
         target = prepared.selection.box.T_base_box[:3, 3]
-        position = prepared.camera_position_m
-        away = float(np.linalg.norm(target - position))
-        camera.position = tuple(position)
+        camera.position = tuple(prepared.camera_position_m)
         camera.look_at = tuple(target)
         setattr(camera, "up" if hasattr(camera, "up") else "up_direction", (0.0, 0.0, 1.0))
-        camera.fov = float(np.clip(2 * np.arctan2(_ROUND_M, away), 0.25, 1.2))
+        camera.fov = opening_rad(prepared)
 
     def _shown(self) -> PreparedScene:
         assert self._prepared is not None
         return self._prepared
+
+
+def opening_rad(prepared: PreparedScene) -> float:
+    """How wide the robot's view is: the target and a hand round it.
+
+    Args:
+        prepared: the scene.
+
+    Returns:
+        From its lower to its upper edge, rad.
+    """
+    away = np.linalg.norm(prepared.selection.box.T_base_box[:3, 3] - prepared.camera_position_m)
+    return float(np.clip(2 * np.arctan2(_ROUND_M, away), 0.25, 1.2))
 
 
 def _quiet_server() -> Any:

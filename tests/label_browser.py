@@ -1,0 +1,162 @@
+"""A labelling server as a user starts it, and the page in a real Chromium."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+ARGUMENTS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+SIZE = {"width": 1280, "height": 720}
+
+
+def chromium_path() -> str:
+    found = next((path for path in map(shutil.which, NAMES) if path), None)
+    if found is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is installed (apt install chromium)")
+    return found
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Any]:
+    """A headless browser; skips where there is none."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    path = chromium_path()
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+class Server:
+    """`boxgrasp label` in a process of its own, which may be killed and started again."""
+
+    def __init__(self, *words: str, command: str = "label") -> None:
+        self.words = (command, *words)
+        self.port = 0
+        self.url = ""
+        self.lines: list[str] = []
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Server:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    def start(self) -> None:
+        words = [*self.words, "--no-browser", "--port", str(self.port)]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "boxgrasp", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        self._process = process
+        assert process.stdout is not None
+        for line in process.stdout:
+            self.lines.append(line)
+            told = re.search(r"(http://\S+:(\d+)/\S*)", line)
+            if told:
+                self.url, self.port = told[1], int(told[2])
+                # What follows is read too, or a full pipe would hold the server up.
+                threading.Thread(target=self.lines.extend, args=(process.stdout,)).start()
+                return
+        raise AssertionError("".join(self.lines))
+
+    def kill(self) -> None:
+        assert self._process is not None
+        self._process.kill()
+        self._process.wait()
+
+    def stop(self) -> int:
+        if self._process is None or self._process.poll() is not None:
+            return 0
+        self._process.send_signal(signal.SIGINT)
+        return self._process.wait(20)
+
+
+class Labeling:
+    """One operator's page, driven as a person drives it."""
+
+    def __init__(self, browser: Any, url: str, operator: str) -> None:
+        self.context = browser.new_context(viewport=SIZE)
+        self.page = self.context.new_page()
+        self.faults: list[str] = []
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        self.operator = operator
+        self.open(url)
+
+    def open(self, url: str) -> None:
+        self.page.goto(url)
+        self.page.wait_for_selector("#start-box[open]")
+        self.page.fill("#name", self.operator)
+        self.page.keyboard.press("Enter")
+        self.shown()
+
+    def shown(self, after: int | None = None) -> int:
+        """Waits until the page shows a scene, or another one than before."""
+        before = -1 if after is None else after
+        self.page.wait_for_function(
+            "before => Number(document.body.dataset.serial ?? -1) > before", arg=before
+        )
+        return self.serial
+
+    @property
+    def serial(self) -> int:
+        return int(self.page.evaluate("document.body.dataset.serial ?? -1"))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return dict(self.page.evaluate("state"))
+
+    @property
+    def scene_key(self) -> str:
+        return str(self.state["shown"]["scene_key"])
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def save(self, *keys: str) -> str:
+        """Chooses by keys, saves, and waits for the next scene; the key of what was labeled."""
+        key, before = self.scene_key, self.serial
+        self.press(*keys, "Enter")
+        self.page.wait_for_function(
+            "before => document.body.dataset.serial !== String(before)", arg=before
+        )
+        return key
+
+    def shot(self, folder: Path | None, name: str) -> None:
+        if folder is not None:
+            self.page.wait_for_timeout(1500)  # until a software renderer has drawn the cloud
+            self.page.screenshot(path=folder / f"{name}.png")
+
+    def close(self) -> None:
+        self.context.close()
+
+
+def answers(rows: Sequence[Any]) -> dict[str, list[tuple[str, int | None]]]:
+    """What stands of each scene: verdict and label."""
+    found: dict[str, list[tuple[str, int | None]]] = {}
+    for row in rows:
+        found.setdefault(row.scene_key, []).append((row.verdict, row.label))
+    return found

@@ -1,0 +1,153 @@
+"""The labelling page in a real Chromium, by mouse and by keyboard, over a killed server."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from label_browser import Labeling, Server, answers, chromium
+
+from boxgrasp.draw.shapes import contact_line
+from boxgrasp.execution import Store
+from boxgrasp.labeling.captures import CaptureStore
+from boxgrasp.labeling.record import Record
+from boxgrasp.labeling.server.prepared import prepare
+from boxgrasp.labeling.server.view import opening_rad
+from boxgrasp.labeling.sources import load_scene
+from boxgrasp.labeling.words import LabelScene
+from boxgrasp.selector import GraspSelector
+
+SIMULATED = ("simulated_1.npz", "simulated_2.npz", "simulated_3.npz")
+REAL = ("6dofgn_cheezit", "uois_00")
+# Screenshots to be looked at, in a folder that the environment names.
+_SHOTS = os.environ.get("BOXGRASP_SHOTS")
+SHOTS = None if _SHOTS is None else Path(_SHOTS)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def source(captures_dir: Path, tmp_path: Path) -> Path:
+    """Three simulated scenes and the things of two real captures."""
+    folder = tmp_path / "captures"
+    folder.mkdir()
+    for name in SIMULATED:
+        shutil.copy(captures_dir / name, folder)
+    for name in REAL:
+        shutil.copytree(captures_dir / name, folder / name)
+    return folder
+
+
+def test_session(browser: Any, source: Path, tmp_path: Path) -> None:
+    database = tmp_path / "labels.sqlite"
+    said: dict[str, tuple[str, int | None]] = {}
+    with Server(str(source), "--database", str(database), "--again-share", "0") as server:
+        ada = Labeling(browser, server.url, "Ada")
+        ada.shot(SHOTS, "first")
+        # By keyboard: front, line 2; then none.
+        said[ada.save("2", "2")] = ("candidate", 5)
+        said[ada.save("0")] = ("none", None)
+        # By mouse, on the page's buttons.
+        key, before = ada.scene_key, ada.serial
+        ada.page.click("#face-4")
+        ada.page.click("#line-3")
+        ada.page.fill("#note", "<b>tall</b> & round")
+        ada.shot(SHOTS, "chosen")
+        ada.page.click("#save")
+        ada.shown(before)
+        said[key] = ("candidate", 12)
+        # A label taken back, and given anew; it is the same scene.
+        undone = ada.save("1", "1")
+        before = ada.serial
+        ada.page.click("#undo")
+        ada.shown(before)
+        assert ada.scene_key == undone
+        said[ada.save("3", "3")] = ("candidate", 9)
+        # Back through two, and the earlier one is corrected.
+        for _ in range(2):
+            before = ada.serial
+            ada.press("b")
+            ada.shown(before)
+        assert ada.scene_key == key
+        assert ada.page.input_value("#note") == "<b>tall</b> & round"
+        ada.shot(SHOTS, "corrected")
+        waiting = ada.save("5", "1")
+        assert waiting == key
+        said[key] = ("candidate", 13)
+        # A click on a line in the cloud chooses it.
+        with Record.open(str(database)) as record:
+            scene = record.scene(ada.scene_key)
+        clicked = _click_line(ada, scene, tmp_path / "labels-captures")
+        assert ada.page.evaluate("mine.label") == clicked
+        ada.shot(SHOTS, "clicked")
+        said[ada.save()] = ("candidate", clicked)
+        # The page loaded again shows the same scene.
+        here = ada.scene_key
+        ada.page.reload()
+        ada.page.wait_for_selector("body[data-serial]")
+        assert ada.scene_key == here
+        # The server is killed while the page stands; the label waits in the page.
+        server.kill()
+        ada.press("2", "1", "Enter")
+        ada.page.wait_for_selector("#lost:not([hidden])")
+        ada.shot(SHOTS, "lost")
+        server.start()
+        ada.page.wait_for_function("key => state.shown.scene_key !== key", arg=here)
+        ada.page.wait_for_selector("#lost", state="hidden")
+        said[here] = ("candidate", 4)
+        # The box is wrong, and the right thing is shown in the image.
+        wrong, before = ada.scene_key, ada.serial
+        ada.press("w")
+        box = ada.page.locator("#image").bounding_box()
+        ada.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        ada.page.wait_for_selector("#spot:not([hidden])")
+        ada.shot(SHOTS, "wrong")
+        ada.press("Enter")
+        ada.shown(before)
+        said[wrong] = ("box_wrong", None)
+        assert ada.faults == []
+        ada.close()
+    with Record.open(str(database)) as record:
+        assert answers(record.standing()) == {key: [what] for key, what in said.items()}
+        pixel = next(row.pixel for row in record.standing() if row.verdict == "box_wrong")
+        assert pixel is not None
+        notes = [row.note for row in record.history(key)]
+        assert "<b>tall</b> & round" in notes
+
+
+def _click_line(ada: Labeling, scene: LabelScene, captures: Path) -> int:
+    """Clicks in the cloud on the middle of a line that faces the camera; the line's label."""
+    loaded = load_scene(scene, CaptureStore(Store(captures)))
+    selector = GraspSelector()
+    prepared = prepare(scene, loaded.capture, loaded.target, selector)
+    box = prepared.selection.box
+    camera = prepared.camera_position_m
+    facing = max(
+        prepared.selection.candidates[:9],  # of the sides; those on top cross one another
+        key=lambda item: -item.T_base_gripper[:3, 0] @ (camera - box.T_base_box[:3, 3]),
+    )
+    middle = contact_line(facing, box).mean(axis=0)
+    forward = box.T_base_box[:3, 3] - camera
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    x, y, z = (float(axis @ (middle - camera)) for axis in (right, down, forward))
+    place = ada.page.locator("#view").bounding_box()
+    focal_px = place["height"] / 2 / np.tan(opening_rad(prepared) / 2)
+    ada.page.wait_for_timeout(3000)  # until a software renderer has drawn the cloud
+    ada.page.mouse.click(
+        place["x"] + place["width"] / 2 + focal_px * x / z,
+        place["y"] + place["height"] / 2 + focal_px * y / z,
+    )
+    ada.page.wait_for_function("() => mine.label !== null")
+    return int(facing.label)
