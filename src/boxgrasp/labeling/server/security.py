@@ -222,6 +222,7 @@ class Guard:
             await receive()
             return await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
         bounded = _Bounded(receive, _with_headers(send, str(scope["path"])), self._most_bytes)
+        bounded.is_whole = not _has_body(headers)
         if refused is not None:
             return await _answer(bounded.send, headers, *refused)
         if (place := self._without_token(scope)) is not None:
@@ -295,8 +296,8 @@ class _Bounded:
 
     def __init__(self, receive: Receive, send: Send, most_bytes: int) -> None:
         self._receive, self._send, self._most_bytes = receive, send, most_bytes
-        self._left, self._is_whole = most_bytes, False
-        self.has_started = False
+        self._left = most_bytes
+        self.is_whole = self.has_started = False
 
     @property
     def is_over(self) -> bool:
@@ -306,7 +307,7 @@ class _Bounded:
     async def receive(self) -> Message:
         """The next message; an error beyond the limit."""
         message = await self._receive()
-        self._is_whole = not message.get("more_body", False)
+        self.is_whole = not message.get("more_body", False)
         self._left -= len(message.get("body", b""))
         if self.is_over:
             raise _TooLargeError
@@ -328,14 +329,18 @@ class _Bounded:
     async def _drain(self) -> None:
         """Take and drop what still comes, up to twice as much as is allowed."""
         left = 2 * self._most_bytes
-        while not self._is_whole and left > 0:
+        while not self.is_whole and left > 0:
             message = await self._receive()
-            self._is_whole = not message.get("more_body", False)
+            self.is_whole = not message.get("more_body", False)
             left -= len(message.get("body", b""))
 
 
 def _headers(scope: Scope) -> dict[str, str]:
     return {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+
+
+def _has_body(headers: Mapping[str, str]) -> bool:
+    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
 def _name_of(host: str) -> str:
