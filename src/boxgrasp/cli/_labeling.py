@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import functools
 import os
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from boxgrasp.config import Config
     from boxgrasp.labeling.captures import CaptureStore
     from boxgrasp.labeling.record import Record
-    from boxgrasp.labeling.server.desk import Mode
+    from boxgrasp.labeling.server.desk import DeskRules, Mode
+    from boxgrasp.labeling.server.run import Listening
     from boxgrasp.labeling.sources import Source
 
 _DATABASE = "labels.sqlite"
@@ -71,6 +75,23 @@ def add_record(parser: argparse.ArgumentParser) -> None:
         "--captures", metavar="PLACE",
         help="folder or URL of the captures (default: beside the database)",
     )  # fmt: skip
+
+
+@contextlib.contextmanager
+def extra() -> Iterator[None]:
+    """Within, a package that is missing is told as the extra that brings it.
+
+    Raises:
+        MissingExtraError: one is not installed.
+    """
+    from boxgrasp.errors import MissingExtraError
+
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(
+            f"labels need {error.name}; install with: pip install 'boxgrasp[label]'"
+        ) from None
 
 
 def captures_of(args: argparse.Namespace) -> CaptureStore:
@@ -148,18 +169,14 @@ def serve(args: argparse.Namespace, mode: Mode) -> int:
         BoxgraspError: a source, a record or an address that cannot be used.
     """
     from boxgrasp.cli import _arguments
-    from boxgrasp.errors import ConfigError, MissingExtraError
+    from boxgrasp.errors import ConfigError
     from boxgrasp.labeling.words import TurnRules
 
-    try:
+    with extra():
         from boxgrasp.labeling.record import Record
         from boxgrasp.labeling.server.desk import DeskRules
         from boxgrasp.labeling.server.run import Listening
         from boxgrasp.labeling.server.security import access_of
-    except ImportError as error:
-        raise MissingExtraError(
-            f"the page needs {error.name}; install with: pip install 'boxgrasp[label]'"
-        ) from None
     for name in ("second_share", "again_share"):
         if not 0 <= getattr(args, name) <= 1:
             option = f"--{name.replace('_', '-')}"
@@ -187,12 +204,19 @@ def _serve(
     listening: Listening,
 ) -> None:
     from boxgrasp.labeling.learning import Learner
+    from boxgrasp.labeling.lessons import LessonConfig
+    from boxgrasp.labeling.record import Record
     from boxgrasp.labeling.server.desk import Desk
     from boxgrasp.labeling.server.run import serve as serve_page
     from boxgrasp.labeling.server.select_api import Selections
 
     record, _, captures, config, _ = desk_of
-    learner = Learner(args.database, captures.store.place, beside_database(args.database, "models"))
+    learner = Learner(
+        beside_database(args.database, "models"),
+        functools.partial(Record.open, args.database, False),
+        captures.store.place,
+        LessonConfig(config),
+    )
     desk = Desk(*desk_of, learner)
 
     def ready(url: str) -> None:

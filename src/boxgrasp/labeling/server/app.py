@@ -152,7 +152,11 @@ def _page_router(sessions: Sessions) -> APIRouter:
 async def _events(sessions: Sessions, session: Session) -> AsyncIterator[str]:
     """Server-sent events: `state` and `choice` when something changed, `asks` with their number."""
     loop, waiting = asyncio.get_running_loop(), asyncio.Queue[str]()
-    stop = session.listen(lambda what: loop.call_soon_threadsafe(waiting.put_nowait, what))
+
+    def told(what: str) -> None:
+        loop.call_soon_threadsafe(waiting.put_nowait, what)
+
+    stop = session.listen(told)
     asks, renewed = -1, loop.time()
     try:
         while True:

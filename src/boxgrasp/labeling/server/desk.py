@@ -11,9 +11,10 @@ from datetime import datetime, timezone
 from typing import Final, Literal
 
 from boxgrasp.config import Config
-from boxgrasp.errors import BoxgraspError
+from boxgrasp.errors import BoxgraspError, ConfigError
 from boxgrasp.labeling.captures import CaptureStore
 from boxgrasp.labeling.learning import Learner
+from boxgrasp.labeling.lessons import scene_config
 from boxgrasp.labeling.record import Record
 from boxgrasp.labeling.server.prepared import PreparedScene, prepare
 from boxgrasp.labeling.sources import load_scene
@@ -61,7 +62,7 @@ class Desk:
         captures: where the captures are kept.
         config: of the robot: hand, box, checks, ranker.
         rules: of the page.
-        learner: trains from the labels; None where its extra is missing.
+        learner: trains from the labels; None where nothing is to be learned.
 
     Attributes:
         scenes: of the source, in its order.
@@ -86,7 +87,7 @@ class Desk:
         self._lock = threading.Lock()
         # One thread: two preparations side by side would make both late, and one is awaited.
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="prepare")
-        self._proposing: tuple[str, str | None] = (config.ranker, config.models)
+        self._proposing = config if learner is None else learner.config_with(config)
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first scene is as quick as the next."""
@@ -108,24 +109,38 @@ class Desk:
         return self._numbers.get(key)
 
     @property
-    def model(self) -> str:
-        """What proposes: the ranker's name, and the folder of its models where they are own ones."""
-        ranker, models = self._proposing
-        return ranker if models is None else f"{ranker} {models}"
+    def configured(self) -> str:
+        """The ranker that the user configured."""
+        return self._config.ranker
 
-    def propose_with(self, ranker: str, models: str | None) -> None:
-        """Let another ranker propose from now on.
+    @property
+    def model(self) -> str:
+        """What proposes: the ranker's name, and the number of its models where they are learned."""
+        number = None if self.learner is None else self.learner.active
+        ranker = self._proposing.ranker
+        return ranker if number is None else f"{ranker} {number}"
+
+    def propose_with(self, number: int | None) -> None:
+        """Let models that were learned here propose from now on, or the user's own ranker again.
 
         Args:
-            ranker: its name.
-            models: folder of its models, None for those that ship.
+            number: of the models; None for the user's own.
 
         Raises:
-            BoxgraspError: no such ranker, or its models cannot be used.
+            BoxgraspError: no such models, or they cannot be used.
         """
-        GraspSelector(replace(self._config, ranker=ranker, models=models))
+        if self.learner is None:
+            raise ConfigError("nothing is learned here; valid: the configured ranker")
+        before = self.learner.active
+        self.learner.activate(number)
+        config = self.learner.config_with(self._config)
+        try:
+            GraspSelector(config)
+        except BoxgraspError:
+            self.learner.activate(before)
+            raise
         with self._lock:
-            self._proposing = (ranker, models)
+            self._proposing = config
             self._selectors.clear()
             self._prepared.clear()
 
@@ -148,18 +163,9 @@ class Desk:
             return self._selectors[key]
 
     def _config_of(self, scene: LabelScene) -> Config:
-        ranker, models = self._proposing
-        fit: Literal["aligned", "yaw"] = "aligned" if scene.box_kind == "aligned" else "yaw"
-        candidates = replace(self._config.candidates, lines=scene.lines)
-        if scene.kind == "scenario":  # the thesis's poses, as the rows of its set have them
-            candidates = replace(candidates, refine="none")
-        return replace(
-            self._config,
-            box=replace(self._config.box, fit=fit),
-            candidates=candidates,
-            ranker=ranker,
-            models=models,
-        )
+        proposing = self._proposing
+        labeled = scene_config(scene, self._config)
+        return replace(labeled, ranker=proposing.ranker, models=proposing.models)
 
     def prepared(self, scene: LabelScene) -> Future[PreparedScene | Unshowable]:
         """A scene made ready, in the background.

@@ -66,9 +66,7 @@ def serve(
         ready(access.url(port))
         if listening.open_browser:
             # In a thread of its own: a browser in a terminal would hold the server up.
-            threading.Thread(
-                target=webbrowser.open, args=(access.url(port),), daemon=True
-            ).start()
+            threading.Thread(target=webbrowser.open, args=(access.url(port),), daemon=True).start()
 
     tell()  # the socket takes connections from here on; they are answered a moment later
     try:

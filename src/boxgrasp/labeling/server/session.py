@@ -159,7 +159,7 @@ class Session:
             if shown is None or said.scene_key != shown.turn.scene.key:
                 if self._is_kept(said):
                     return
-                raise StaleError("that scene is not shown any more; valid: a label of the one shown")
+                raise StaleError("that scene is not shown any more; valid: the one shown")
             if said.label_id != shown.label_id and self._is_kept(said):
                 return
             label = self._label_of(said, shown)
@@ -543,9 +543,15 @@ class Session:
             }
 
     def _shown_state(self, shown: Shown) -> dict[str, Any]:
-        scene, selection = shown.turn.scene, shown.prepared.selection
-        lines = range(1, scene.lines + 1)
-        standing = shown.standing
+        scene, prepared, standing = shown.turn.scene, shown.prepared, shown.standing
+        height_px, width_px = prepared.capture.shape or (None, None)
+        own, ask = None, None
+        if standing is not None:
+            names = ("verdict", "label", "note", "pixel")
+            own = {name: getattr(standing, name) for name in names}
+        if shown.ask is not None:
+            left_s = (shown.ask.expires_at - now()).total_seconds()
+            ask = {"asker": shown.ask.asker, "seconds_left": left_s}
         return {
             "label_id": shown.label_id,
             "scene_key": scene.key,
@@ -555,24 +561,19 @@ class Session:
             "again": shown.turn.again,
             "second": shown.turn.second,
             "lines": scene.lines,
-            "line_names": [[line_name(face, k, scene.lines) for k in lines] for face in range(1, 6)],
-            "width_px": None if shown.prepared.capture.shape is None else (
-                shown.prepared.capture.shape[1]
-            ),
-            "height_px": None if shown.prepared.capture.shape is None else (
-                shown.prepared.capture.shape[0]
-            ),
-            "standing": None if standing is None else {
-                "verdict": standing.verdict, "label": standing.label, "note": standing.note,
-                "pixel": standing.pixel,
-            },
-            "ask": None if shown.ask is None else {
-                "asker": shown.ask.asker,
-                "seconds_left": (shown.ask.expires_at - now()).total_seconds(),
-            },
+            "line_names": [
+                [line_name(face, line, scene.lines) for line in range(1, scene.lines + 1)]
+                for face in range(1, len(FACES) + 1)
+            ],
+            "width_px": width_px,
+            "height_px": height_px,
+            "standing": own,
+            "ask": ask,
             "proposal": self._proposal(shown),
-            "told": [told(item) for item in selection.candidates] if self._revealed else None,
-        }  # fmt: skip
+            "told": [told(item) for item in prepared.selection.candidates]
+            if self._revealed
+            else None,
+        }
 
     def _proposal(self, shown: Shown) -> dict[str, Any] | None:
         """What the robot says, where it is to speak."""

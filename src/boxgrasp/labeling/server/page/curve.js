@@ -11,7 +11,7 @@ function svgNode(name, attributes, text) {
   return node;
 }
 
-/* curves: [{name, points: [{labels, mean, low, high}]}]; chance: share of the commonest answer. */
+/* curves: [{name, points: [{labels, mean, spread}]}]; chance: share of the commonest answer. */
 function drawCurve(place, curves, chance) {
   place.replaceChildren();
   const points = curves.flatMap((curve) => curve.points);
@@ -37,7 +37,7 @@ function drawCurve(place, curves, chance) {
   curves.forEach((curve, k) => {
     const color = CURVE_COLORS[k % CURVE_COLORS.length];
     for (const point of curve.points) {
-      svg.append(svgNode("line", { x1: x(point.labels), x2: x(point.labels), y1: y(point.low), y2: y(point.high), stroke: color, opacity: 0.5 }));
+      svg.append(svgNode("line", { x1: x(point.labels), x2: x(point.labels), y1: y(Math.max(0, point.mean - point.spread)), y2: y(Math.min(1, point.mean + point.spread)), stroke: color, opacity: 0.5 }));
       svg.append(svgNode("circle", { cx: x(point.labels), cy: y(point.mean), r: 3, fill: color }));
     }
     svg.append(svgNode("polyline", { points: curve.points.map((p) => `${x(p.labels)},${y(p.mean)}`).join(" "),

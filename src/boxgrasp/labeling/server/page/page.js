@@ -381,20 +381,26 @@ async function refreshLearning() {
 }
 
 function renderLearning(told) {
-  at("learn-said").textContent = told.message;
+  const latest = told.latest, running = told.state === "running";
+  const standing = latest ? `Learned from ${latest.labels} labels, ${latest.nones} of them none.` : "Nothing is learned yet.";
+  at("learn-said").textContent = told.message || standing;
   at("learn-box").dataset.state = told.state;
-  show("learn-bar", told.state === "running");
+  show("learn-bar", running);
   at("learn-bar").value = told.fraction;
-  at("learn-now").disabled = told.state === "running";
-  at("learn-stop").hidden = told.state !== "running";
-  drawCurve(at("curve"), told.curves, told.commonest);
-  const rows = told.versions.map((item) => [item.name, `${percent(item.accuracy)} agree`, `commonest answer ${percent(item.commonest)}`, `${item.labels} labels`]);
-  fill("learn-table", rows);
+  at("learn-now").disabled = running;
+  at("learn-stop").hidden = !running;
+  const versions = latest ? latest.versions : [];
+  drawCurve(at("curve"), versions.filter((item) => item.curve.length).map((item) => ({ name: item.name, points: item.curve })),
+    latest ? latest.commonest : null);
+  fill("learn-table", latest ? [["", "agrees with you", "each answer alike", ""], ...versions.map((item) => [item.name,
+    `${percent(item.agreement)} (\u00b1 ${Math.round(100 * item.spread)})`, percent(item.balanced), item.why]),
+    ["always the commonest answer", percent(latest.commonest), "", ""], ...latest.notes.map((note) => [note])] : []);
   at("models").replaceChildren(...told.models.map((model) => {
     const label = document.createElement("label"), button = document.createElement("input");
-    Object.assign(button, { type: "radio", name: "model", value: model.id, checked: model.active });
-    button.onchange = () => ask("/api/model", { session: state.session, id: model.id }).then(() => { refresh(); refreshLearning(); })
-      .catch((error) => { at("learn-said").textContent = error.message; refreshLearning(); });
+    Object.assign(button, { type: "radio", name: "model", checked: model.number === told.active, disabled: !model.usable });
+    button.onchange = () => ask("/api/model", { session: state.session, number: model.number })
+      .then(() => { refresh(); refreshLearning(); })
+      .catch((error) => { at("learn-said").textContent = error.message; });
     label.append(button, document.createTextNode(model.name));
     return label;
   }));
