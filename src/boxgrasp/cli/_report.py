@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from boxgrasp.grasps.candidates import FACES, line_name
 from boxgrasp.grasps.checks.check import measured, spelled
-from boxgrasp.result import Candidate, CheckValue, Selection
+from boxgrasp.result import PERSON, Candidate, CheckValue, Selection
 
 
 def summary(selection: Selection, name: str) -> str:
@@ -26,7 +26,8 @@ def summary(selection: Selection, name: str) -> str:
         turn = " ".join(f"{value:.4f}" for value in selection.grasp.quaternion_xyzw)
         lines.append(f"  gripper at {position} m, quaternion xyzw {turn}, {selection.frame} frame")
         shown = selection.candidate(selection.grasp.label)
-        lines += [f"  unchecked: {reason.sentence}" for reason in shown.rejections]
+        why = "overridden" if selection.ranker == PERSON else "unchecked"
+        lines += [f"  {why}: {reason.sentence}" for reason in shown.rejections]
     else:
         center = " ".join(f"{value:.3f}" for value in selection.box.T_base_box[:3, 3])
         lines.append(f"  target at {center} m, {selection.frame} frame")
