@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import answer_text, drawn, seen
+from helpers import answer_text, drawn, halved, seen
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -26,7 +26,7 @@ from boxgrasp.labeling.server.openapi import publish_schemas
 from boxgrasp.labeling.server.security import Access, Guard, UploadLimits
 from boxgrasp.labeling.server.select_api import Selections, select_router
 
-SEEN = seen(drawn(3), 3)
+SEEN = halved(seen(drawn(3), 3))
 FILE = "capture.npz"
 
 
@@ -43,7 +43,7 @@ def npz(capture: Capture) -> bytes:
 
 
 NPZ = npz(SEEN)
-SELECTIONS = Selections(limits=UploadLimits(body_bytes=4 << 20))
+SELECTIONS = Selections(limits=UploadLimits(body_bytes=4 << 20, unpacked_bytes=8 << 20))
 
 
 def app() -> Any:
@@ -221,7 +221,7 @@ def test_a_request_that_gets_no_answer_gets_one_line(
 
 def test_a_small_archive_of_large_arrays_is_refused_before_it_is_unpacked() -> None:
     held = io.BytesIO()
-    np.savez_compressed(held, depth=np.zeros((8192, 8192)), intrinsics=np.eye(3))
+    np.savez_compressed(held, depth=np.zeros((1100, 1000)), intrinsics=np.eye(3))
     assert "unpacks to" in error_of(octets(held.getvalue()), 400)
 
 

@@ -187,7 +187,7 @@ def test_another_programs_odd_cookie_hides_nothing() -> None:
 NAMES = ["host", "origin", "cookie", "authorization", "content-length", "accept", "content-type"]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.lists(st.tuples(st.sampled_from(NAMES), st.binary(max_size=40)), max_size=6),
     st.binary(max_size=40),

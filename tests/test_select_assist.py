@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import drawn, seen
+from helpers import drawn, halved, seen
 
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.cli import main
@@ -44,7 +44,7 @@ from boxgrasp.labeling.sources import load_scene
 from boxgrasp.labeling.words import Ask, OperatorLabel
 from boxgrasp.strict import plain
 
-SEEN = seen(drawn(7), 7)
+SEEN = halved(seen(drawn(7), 7))
 FACES = {"candidates": {"faces": ["left"]}}  # none of which passes in this view
 SELECTOR = GraspSelector(FACES)
 STUCK = SELECTOR.select(SEEN)
