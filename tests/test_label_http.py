@@ -142,7 +142,7 @@ REFUSED: list[tuple[str, Callable[[], httpx.Response], int, str]] = [
     ("no archive", lambda: octets(b"nothing"), 400, "capture: "),
     ("empty", lambda: octets(b""), 400, "capture: "),
     ("type", lambda: asked("/select", json={}), 415, "application/octet-stream"),
-    ("no type", lambda: asked("/select", content=b"x"), 415, "missing"),
+    ("no type", lambda: asked("/select", content=b"x"), 415, "Content-Type is missing; valid"),
     ("pixel", lambda: octets(NPZ, "?pixel=1"), 400, "pixel is '1'; valid: u,v"),
     ("float pixel", lambda: octets(NPZ, "?pixel=1,2.5"), 400, "whole pixels"),
     ("infinite", lambda: octets(NPZ, "?point=1,2,inf"), 400, "meters"),
