@@ -15,6 +15,7 @@ from boxgrasp.errors import StoreError
 from boxgrasp.labeling.server.app import make_app
 from boxgrasp.labeling.server.asks_api import Asks, asks_router
 from boxgrasp.labeling.server.desk import Desk
+from boxgrasp.labeling.server.openapi import publish_schemas
 from boxgrasp.labeling.server.security import QUIET, Access, Guard, UploadLimits
 from boxgrasp.labeling.server.select_api import Selections, select_router
 
@@ -54,6 +55,7 @@ def serve(
     app = make_app(desk)
     app.include_router(select_router(selections))
     app.include_router(asks_router(Asks(selections, desk.record, desk.captures)))
+    publish_schemas(app)
     held = _listen(access.host, listening.port)
     server = uvicorn.Server(
         uvicorn.Config(
