@@ -75,6 +75,7 @@ class ViewListener:
 
 
 def latencies(page: Labeling, url: str) -> None:
+    """From saving to the next scene, of an operator who looks at each."""
     listener = ViewListener(url, page.state["session"])
     time.sleep(3)
     shown, came = [], []
@@ -94,6 +95,7 @@ def latencies(page: Labeling, url: str) -> None:
 
 
 def memory(page: Labeling, server: Server, scenes: int) -> None:
+    """Of the server and of the page, over scenes labeled as fast as they come."""
     start = None
     for done in range(1, scenes + 1):
         page.save("2", "2")
@@ -109,6 +111,7 @@ def memory(page: Labeling, server: Server, scenes: int) -> None:
 
 
 def resident_mb(pid: int) -> float:
+    """A process's memory."""
     line = next(
         line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if "VmRSS" in line
     )
@@ -125,6 +128,7 @@ def page_mb(page: Labeling) -> float:
 
 
 def main() -> None:
+    """Label, and tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int, nargs="?", default=800)
     parser.add_argument("--draw", action="store_true", help="let a software renderer draw")

@@ -208,7 +208,8 @@ async def read_upload(request: Request, limits: UploadLimits, more: tuple[str, .
     else:
         raise RequestError(
             415,
-            f"Content-Type is {repr(kind)[:60] if kind else 'missing'}; valid: {_ARCHIVES[0]} (an .npz), "
+            f"Content-Type is {repr(kind)[:60] if kind else 'missing'}; valid: "
+            f"{_ARCHIVES[0]} (an .npz), "
             f"{_MULTIPART}",
         )
     _validate_parts(files, texts)
