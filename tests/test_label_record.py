@@ -93,14 +93,29 @@ def test_the_migrations_make_the_tables(record: Record) -> None:
         assert compare_metadata(context, METADATA) == []
 
 
+def test_sqlite_is_set_to_lose_nothing(kept: Record) -> None:
+    found = {}
+    with kept._database.reads() as opened:
+        for name in ("journal_mode", "synchronous", "foreign_keys"):
+            found[name] = opened.exec_driver_sql(f"PRAGMA {name}").scalar_one()
+    assert found == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1}
+
+
 def test_several_open_a_new_database_at_once(url: str) -> None:
-    code = "import sys; from boxgrasp.labeling.record import Record; Record.open(sys.argv[1])"
+    code = "import sys; from boxgrasp.labeling.record import Record; print('ready', flush=True); "
+    code += "sys.stdin.readline(); Record.open(sys.argv[1])"
     started = [
-        subprocess.Popen([sys.executable, "-c", code, url], stderr=subprocess.PIPE)
+        subprocess.Popen(
+            [sys.executable, "-c", code, url],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
         for _ in range(2)
-    ]
+    ]  # fmt: skip
+    assert [said_by(process) for process in started] == ["ready"] * 2
     for process in started:
-        assert process.communicate()[1] == b""
+        go(process)
+    for process in started:
+        assert process.communicate()[1] == ""
         assert process.returncode == 0
 
 
