@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -117,6 +118,24 @@ def test_several_open_a_new_database_at_once(url: str) -> None:
     for process in started:
         assert process.communicate()[1] == ""
         assert process.returncode == 0
+
+
+def test_a_new_database_that_another_one_makes_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite waits for a writer, but not when it is to begin a write-ahead log."""
+    path = str(tmp_path / "labels.db")
+    holder = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    holder.execute("BEGIN IMMEDIATE")
+    with monkeypatch.context() as changed:
+        changed.setattr(connection, "BUSY_S", 0.05)
+        with pytest.raises(StoreError, match="locked; valid:"):
+            Record.open(path)
+    release = threading.Timer(0.2, holder.execute, ["ROLLBACK"])
+    release.start()
+    Record.open(path).close()
+    release.join()
+    holder.close()
 
 
 def test_threads_open_a_new_database_at_once(url: str) -> None:
