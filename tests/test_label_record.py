@@ -333,7 +333,7 @@ def full_label() -> OperatorLabel:
         operator="Zoë <b>",
         seconds=0.1 + 0.2,
         model="cascade-grid 3",
-        proposed=17,
+        proposed=15,
         overridden=({"check": "width", "value": 0.11, "limit": 0.1, "unit": "m"},),
         note="=1+1\r\n'quoted' \"and\" 🤖, \\ {}",
         pixel=(12, 40),
@@ -379,7 +379,7 @@ def test_of_corrections_at_once_one_is_kept(record: Record) -> None:
 
     def correct(k: int) -> bool:
         try:
-            record.save(label(scene(0).key, at=1 + k, label=k, supersedes=first.id))
+            record.save(label(scene(0).key, at=1 + k, label=1 + k, supersedes=first.id))
         except LabelError as error:
             assert "superseded already" in str(error)
             return False
@@ -438,8 +438,9 @@ def test_the_database_itself_keeps_every_label(record: Record, words: str) -> No
         ({"operator": "o" * 201}, "valid: 1 to 200 characters"),
         ({"verdict": "maybe"}, "valid: candidate, none, box_wrong, withdrawn"),
         ({"verdict": "none"}, "`none` has a candidate"),
-        ({"label": None}, "label is None; valid: 0 to 17"),
-        ({"label": 18}, "label is 18; valid: 0 to 17"),
+        ({"label": None}, "label is None; valid: 1 to 15"),
+        ({"label": 16}, "label is 16; valid: 1 to 15"),
+        ({"label": 0}, "label is 0; valid: 1 to 15"),
         ({"label": True}, "label is True"),
         ({"proposed": -1}, "proposed is -1"),
         ({"verdict": "withdrawn", "label": None}, "withdraws nothing"),

@@ -1,7 +1,10 @@
-"""Train the eight SVMs of the thesis from a labeled SET, or the network that tells things apart.
+"""Train the eight SVMs of the thesis from labels, or the network that tells things apart.
 
 SET is what `boxgrasp simulate` wrote: the SVMs go to OUT as ONNX files, and `boxgrasp select
 --models OUT --ranker cascade-grid` uses them. Extra: pip install 'boxgrasp[train]'.
+
+With --labels SET is the database of `boxgrasp label`: the SVMs learn what people said, requests for
+help too. --mix adds the labels of a simulated set. Extra: pip install 'boxgrasp[label]'.
 
 `boxgrasp train segmentation OUT` casts its own scenes as it goes and writes OUT/network.onnx. It
 may be stopped at any time and go on with --resume. Extra: pip install 'boxgrasp[network]'.
@@ -10,6 +13,11 @@ may be stopped at any time and go on with --resume. Extra: pip install 'boxgrasp
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from boxgrasp.execution import Workers
+    from boxgrasp.teaching.train import Taught
 
 SEGMENTATION = "segmentation"
 
@@ -22,13 +30,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     from boxgrasp.cli._arguments import add_workers
 
-    parser.add_argument("set", metavar="SET", help=f"folder or URL of a set, or `{SEGMENTATION}`")
+    parser.add_argument(
+        "set", metavar="SET",
+        help=f"folder or URL of a set, a database (--labels), or `{SEGMENTATION}`",
+    )  # fmt: skip
     parser.add_argument("out", metavar="OUT", help="folder or URL to write the models to")
     parser.add_argument("--seed", type=int, default=0, help="of folds or scenes (default: 0)")
     group = parser.add_argument_group("segmentation")
     group.add_argument("--minutes", type=float, help="of training over all runs (default: 90)")
     group.add_argument("--resume", action="store_true", help="go on with the training in OUT")
     group.add_argument("--start", metavar="FILE", help="network whose weights are the first ones")
+    labels = parser.add_argument_group("labels of people")
+    labels.add_argument(
+        "--labels", action="store_true", help="SET is a database that `boxgrasp label` wrote"
+    )
+    labels.add_argument(
+        "--captures", metavar="PLACE",
+        help="folder or URL of the captures (default: beside the database)",
+    )  # fmt: skip
+    labels.add_argument("--mix", metavar="SET", help="a simulated set, whose labels are added")
+    labels.add_argument("--lines", type=int, help="lines a face (default: those of the labels)")
+    labels.add_argument("--config", metavar="FILE", help="YAML that captures were labeled with")
     add_workers(parser)
 
 
@@ -51,6 +73,9 @@ def run(args: argparse.Namespace) -> int:
 
     if args.minutes is not None or args.resume or args.start is not None:
         raise ConfigError("--minutes, --resume and --start are of `boxgrasp train segmentation`")
+    own = ("captures", "mix", "lines", "config")
+    if not args.labels and any(getattr(args, name) is not None for name in own):
+        raise ConfigError(f"--{', --'.join(own)} are of `boxgrasp train --labels`")
     return _train_svms(args)
 
 
@@ -86,7 +111,10 @@ def _train_svms(args: argparse.Namespace) -> int:
 
     store = Store(args.out)
     with workers_for(args.processes, args.cluster) as workers:
-        taught = taught_by_set(*read_set(Store(args.set)))
+        if args.labels:
+            taught = _taught_by_people(args, workers)
+        else:
+            taught = taught_by_set(*read_set(Store(args.set)))
         trained = train_svms(store, "", taught, workers, seed=args.seed)
     print("model                 C        gamma     vectors  examples  accuracy")
     for item in trained:
@@ -97,3 +125,30 @@ def _train_svms(args: argparse.Namespace) -> int:
             f" {record['training_examples']:9d} {record['accuracy']:9.3f}"
         )
     return 0
+
+
+def _taught_by_people(args: argparse.Namespace, workers: Workers) -> Taught:
+    from boxgrasp.cli import _labeling, complain
+    from boxgrasp.config import load_config
+    from boxgrasp.errors import MissingExtraError
+    from boxgrasp.execution import Store
+    from boxgrasp.labeling.captures import CaptureStore
+    from boxgrasp.labeling.lessons import LessonConfig, lessons_of
+    from boxgrasp.teaching.sets import read_set
+
+    try:
+        from boxgrasp.labeling.record import Record
+    except ImportError as error:
+        raise MissingExtraError(
+            f"labels of people need {error.name}; install with: pip install 'boxgrasp[label]'"
+        ) from None
+    place = args.captures or _labeling.beside_database(args.set, "captures")
+    mix = None if args.mix is None else read_set(Store(args.mix))
+    lesson = LessonConfig(load_config(args.config), args.lines)
+    with Record.open(args.set, create=False) as record:
+        found = lessons_of(record, CaptureStore(Store(place)), workers, lesson, mix=mix)
+    people = ", ".join(found.operators)
+    print(f"{found.labels} labels of {found.scenes} scenes by {people}")
+    for note in found.notes:
+        complain(note)
+    return found.taught

@@ -12,11 +12,12 @@ import logging
 import os
 import re
 import shutil
+import threading
 import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -30,11 +31,11 @@ from boxgrasp.errors import BoxgraspError, ConfigError, WorkError
 from boxgrasp.execution import Background, Store, Workers, local_workers
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.labeling.captures import CaptureStore
-from boxgrasp.labeling.lessons import Labels, LessonConfig, Lessons, lessons_of
+from boxgrasp.labeling.lessons import LessonConfig, Lessons, lessons_of
 from boxgrasp.ranking.model_set import SVMS, VERSIONS, help_label
 from boxgrasp.strict import build, plain
 from boxgrasp.teaching.fitting import Held, answers, fit_version
-from boxgrasp.teaching.search import FOLDS, SearchParams, folds_of
+from boxgrasp.teaching.search import FOLDS, SEARCH, SearchParams, folds_of
 from boxgrasp.teaching.sets import Rows, read_set
 from boxgrasp.teaching.train import SCENE_KEY, Taught, trained_json, training_task
 from boxgrasp.version import __version__
@@ -43,8 +44,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 State = Literal["idle", "running", "done", "failed"]
 
-# A quarter of the pairs of `boxgrasp train`, over the same range: a person waits for it. On 800
-# labels of the stand-in the accuracy of no SVM fell by more than docs/teaching.md tells.
+# A third of the pairs of `boxgrasp train`, over the same range.
 QUICK: Final = SearchParams(
     costs=tuple(float(2**k) for k in (-1.0, 1.5, 4.0, 6.5, 9.0)),
     gammas=tuple(float(2**k) for k in (-10.0, -7.5, -5.0, -2.5, 0.0)),
@@ -56,15 +56,15 @@ _STALE_S: Final = 86400.0  # of what a killed server left; no training takes a d
 _TOLD: Final = "learned.json"
 _log = logging.getLogger("boxgrasp.labeling")
 
-OpenLabels = Callable[[], AbstractContextManager[Labels]]
-
 
 @dataclass(frozen=True)
 class LearningParams:
     """How the page learns.
 
     Attributes:
-        search: the pairs of C and gamma that are tried.
+        search: the pairs of C and gamma that are tried, those of `boxgrasp train`.
+        quick: in place of them where a person would wait too long.
+        quick_above: examples above which that is.
         least_scenes: scenes that must be labeled: one for each fold of the cross-validation.
         sizes: how many points the curve has.
         first_size: labels of its first point, where there are more than that.
@@ -74,7 +74,9 @@ class LearningParams:
             no such thing.
     """
 
-    search: SearchParams = QUICK
+    search: SearchParams = SEARCH
+    quick: SearchParams = QUICK
+    quick_above: int = 200
     least_scenes: int = FOLDS
     sizes: int = 6
     first_size: int = 10
@@ -172,7 +174,7 @@ class LearningTask:
     """All that the process needs, picklable.
 
     Attributes:
-        open_labels: gives the labels.
+        database: of the labels.
         captures: place of the captures.
         folder: where the models go, made by the process and renamed by the caller.
         lesson: how labels are made into rows.
@@ -180,7 +182,7 @@ class LearningTask:
         params: how it learns.
     """
 
-    open_labels: OpenLabels
+    database: str
     captures: str
     folder: Path
     lesson: LessonConfig = LessonConfig()
@@ -191,27 +193,30 @@ class LearningTask:
 class Learner:
     """Trains in a process of its own, one training at a time, and keeps what came of each.
 
+    Safe from several threads.
+
     Args:
-        folder: on this machine, where models are kept.
-        open_labels: a function of a module, or `functools.partial` of one, that opens the record.
+        database: of the labels, as `Record.open` takes it.
         captures: place of the captures.
+        folder: on this machine, where models are kept.
         lesson: how labels are made into rows.
         params: how it learns.
     """
 
     def __init__(
         self,
-        folder: str | os.PathLike[str],
-        open_labels: OpenLabels,
+        database: str,
         captures: str,
+        folder: str | os.PathLike[str],
         lesson: LessonConfig | None = None,
         params: LearningParams | None = None,
     ) -> None:
         self.folder = Path(folder)
         self._task = LearningTask(
-            open_labels, captures, self.folder, lesson or LessonConfig(), None,
+            database, captures, self.folder, lesson or LessonConfig(), None,
             params or LearningParams(),
         )  # fmt: skip
+        self._lock = threading.RLock()
         self._running: tuple[Background, Path] | None = None
         self._status = LearningStatus("idle")
         _remove_stale(self.folder)
@@ -226,12 +231,13 @@ class Learner:
             ConfigError: it is learning already.
             MissingExtraError: an extra that training needs is not installed.
         """
-        if self.status().state == "running":
-            raise ConfigError("it is learning already; valid: wait for it, or cancel it")
-        folder = self.folder / f"{_UNFINISHED}{uuid.uuid4().hex}"
-        task = replace(self._task, folder=folder, mix=mix)
-        self._running = Background(learn, task), folder
-        self._status = replace(self._status, state="running", fraction=0.0, message="starting")
+        with self._lock:
+            if self.status().state == "running":
+                raise ConfigError("it is learning already; valid: wait for it, or cancel it")
+            folder = self.folder / f"{_UNFINISHED}{uuid.uuid4().hex}"
+            task = replace(self._task, folder=folder, mix=mix)
+            self._running = Background(learn, task), folder
+            self._status = replace(self._status, state="running", fraction=0.0, message="starting")
 
     def status(self) -> LearningStatus:
         """How far it is; quick, to be asked often.
@@ -239,28 +245,30 @@ class Learner:
         Returns:
             The status.
         """
-        if self._running is None:
+        with self._lock:
+            if self._running is None:
+                return self._status
+            running, folder = self._running
+            if running.finished():
+                self._running = None
+                self._status = self._finished(running, folder)
+                shutil.rmtree(folder, ignore_errors=True)
+            else:
+                fraction, message = _progress_in(folder)
+                self._status = replace(self._status, fraction=fraction, message=message)
             return self._status
-        running, folder = self._running
-        if running.finished():
-            self._running = None
-            self._status = self._finished(running, folder)
-            shutil.rmtree(folder, ignore_errors=True)
-        else:
-            fraction, message = _progress_in(folder)
-            self._status = replace(self._status, fraction=fraction, message=message)
-        return self._status
 
     def cancel(self) -> None:
         """End the learning at once; what was learned before stays."""
-        if self._running is not None:
+        with self._lock:
+            if self._running is None:
+                return
             running, folder = self._running
             self._running = None
             running.end()
             shutil.rmtree(folder, ignore_errors=True)
-            self._status = replace(
-                self._status, state="idle", fraction=0.0, message="the learning was cancelled"
-            )
+            said = "the learning was cancelled"
+            self._status = replace(self._status, state="idle", fraction=0.0, message=said)
 
     def models(self) -> list[Learned]:
         """What was learned so far.
@@ -407,7 +415,7 @@ def learn(task: LearningTask) -> Learned:
         box_kinds=dict(lessons.box_kinds),
         commonest=float(np.bincount(label).max() / len(label)),
         versions=tuple(versions),
-        notes=lessons.notes + _thin(label, lines),
+        notes=_notes(lessons, task.params),
         seconds=round(time.monotonic() - start, 1),
     )
 
@@ -454,7 +462,9 @@ class _Telling:
 def _lessons(task: LearningTask, progress: _Progress) -> Lessons:
     mix = None if task.mix is None else read_set(Store(task.mix))
     captures = CaptureStore(Store(task.captures))
-    with local_workers(1) as workers, task.open_labels() as labels:
+    from boxgrasp.labeling.record import Record  # SQLAlchemy, in the process alone
+
+    with local_workers(1) as workers, Record.open(task.database, create=False) as labels:
         telling = _Telling(workers, progress)
         return lessons_of(labels, captures, telling, task.lesson, mix=mix, title="")
 
@@ -486,11 +496,12 @@ def _models(
     """Train and write the eight; C and gamma by the SVM's name, and by version what it lacks."""
     held: dict[str, tuple[float, float]] = {}
     whys: dict[str, str] = {}
+    search = _search(taught, task.params)
     for k, svm in enumerate(SVMS):
         share = _ROWS_DONE + (_SVMS_DONE - _ROWS_DONE) * k / len(SVMS)
         progress.tell(f"training {svm.name}, {k + 1} of {len(SVMS)}", share)
         try:
-            kept = json.loads(trained_json(training_task(taught, svm, 0, task.params.search)))
+            kept = json.loads(trained_json(training_task(taught, svm, 0, search)))
         except ConfigError as error:
             held[svm.name] = task.params.held
             whys.setdefault(svm.version, str(error))
@@ -498,6 +509,10 @@ def _models(
         held[svm.name] = kept["record"]["C"], kept["record"]["gamma"]
         Store(task.folder).write(f"{svm.name}.onnx", base64.b64decode(kept["onnx"]))
     return held, whys
+
+
+def _search(taught: Taught, params: LearningParams) -> SearchParams:
+    return params.search if taught.rows.count <= params.quick_above else params.quick
 
 
 @dataclass(frozen=True, eq=False)
@@ -569,13 +584,23 @@ def _version_learned(
     )
 
 
-def _thin(label: Array, lines: int) -> tuple[str, ...]:
-    """What answers have fewer labels than folds, in one sentence."""
-    thin = {one: count for one, count in Counter(label.tolist()).items() if count < FOLDS}
-    if not thin:
-        return ()
-    each = ", ".join(f"{_answer_name(one, lines)} ({count})" for one, count in sorted(thin.items()))
-    return (f"answers with fewer than {FOLDS} labels are hardly learned: {each}",)
+def _notes(lessons: Lessons, params: LearningParams) -> tuple[str, ...]:
+    """What the user should know: what has few labels, and where the search was coarser."""
+    taught, notes = lessons.taught, list(lessons.notes)
+    counts = Counter(taught.rows["label"].tolist())
+    thin = [
+        f"{_answer_name(one, taught.provenance.lines)} ({count})"
+        for one, count in sorted(counts.items())
+        if count < FOLDS
+    ]
+    if thin:
+        each = ", ".join(thin)
+        notes.append(f"answers with fewer than {FOLDS} labels are hardly learned: {each}")
+    if _search(taught, params) != params.search:
+        notes.append(
+            "C and gamma were searched in coarser steps than `boxgrasp train --labels` does"
+        )
+    return tuple(notes)
 
 
 def _answer_name(label: int, lines: int) -> str:

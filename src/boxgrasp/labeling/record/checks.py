@@ -14,7 +14,7 @@ from boxgrasp.errors import LabelError, shown
 from boxgrasp.labeling.record.tables import KEY_LENGTH, label_row, scene_row
 from boxgrasp.labeling.words import ORIGINS, VERDICTS, Ask, LabelScene, OperatorLabel, SceneKind
 
-FACES = 6
+FACES = 5  # of candidates; the request for help is a verdict of its own
 MOST_LINES = 99
 LONGEST_NOTE = 10_000  # characters; a page of text is 3,000
 LONGEST = 100_000  # characters of any text; a cell of CSV has 131,072 at most
@@ -66,13 +66,13 @@ def check_label(label: OperatorLabel) -> None:
     _one_of(label.origin, ORIGINS, f"{name} origin")
     _one_of(label.box_kind, _BOX_KINDS, f"{name} box_kind")
     _whole(label.lines, 1, MOST_LINES, f"{name} lines")
-    last = FACES * label.lines - 1
+    last = FACES * label.lines
     if label.verdict == "candidate":
-        _whole(label.label, 0, last, f"{name} label")
+        _whole(label.label, 1, last, f"{name} label")
     elif label.label is not None:
         raise LabelError(f"{name} `{label.verdict}` has a candidate; valid: none")
     if label.proposed is not None:
-        _whole(label.proposed, 0, last, f"{name} proposed")
+        _whole(label.proposed, 1, last, f"{name} proposed")
     if label.verdict == "withdrawn" and label.supersedes is None:
         raise LabelError(f"{name} withdraws nothing; valid: the id of a label in supersedes")
     if label.supersedes is not None:
