@@ -52,7 +52,7 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "sqlite":
         return str(tmp_path / "labels.db")
     started: PostgresServer = request.getfixturevalue("server")
-    return started.new_database()
+    return started.emptied_database()
 
 
 @pytest.fixture
