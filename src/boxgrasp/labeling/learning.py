@@ -17,7 +17,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -31,7 +31,7 @@ from boxgrasp.errors import BoxgraspError, ConfigError, WorkError
 from boxgrasp.execution import Background, Store, Workers, local_workers
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.labeling.captures import CaptureStore
-from boxgrasp.labeling.lessons import LessonConfig, Lessons, lessons_of
+from boxgrasp.labeling.lessons import Labels, LessonConfig, Lessons, lessons_of
 from boxgrasp.ranking.model_set import SVMS, VERSIONS, help_label
 from boxgrasp.strict import build, plain
 from boxgrasp.teaching.fitting import Held, answers, fit_version
@@ -55,6 +55,9 @@ _UNFINISHED: Final = ".unfinished-"
 _STALE_S: Final = 86400.0  # of what a killed server left; no training takes a day
 _TOLD: Final = "learned.json"
 _log = logging.getLogger("boxgrasp.labeling")
+
+
+OpenLabels = Callable[[], AbstractContextManager[Labels]]
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ class LearningTask:
     """All that the process needs, picklable.
 
     Attributes:
-        database: of the labels.
+        open_labels: gives the labels.
         captures: place of the captures.
         folder: where the models go, made by the process and renamed by the caller.
         lesson: how labels are made into rows.
@@ -182,7 +185,7 @@ class LearningTask:
         params: how it learns.
     """
 
-    database: str
+    open_labels: OpenLabels
     captures: str
     folder: Path
     lesson: LessonConfig = LessonConfig()
@@ -196,24 +199,27 @@ class Learner:
     Safe from several threads.
 
     Args:
-        database: of the labels, as `Record.open` takes it.
-        captures: place of the captures.
         folder: on this machine, where models are kept.
-        lesson: how labels are made into rows.
+        open_labels: opens the record, picklable: `functools.partial(Record.open, url, False)`.
+        captures: place of the captures.
+        lesson: how labels are made into rows; their lines are those of its configuration, unless
+            it says others.
         params: how it learns.
     """
 
     def __init__(
         self,
-        database: str,
-        captures: str,
         folder: str | os.PathLike[str],
+        open_labels: OpenLabels,
+        captures: str,
         lesson: LessonConfig | None = None,
         params: LearningParams | None = None,
     ) -> None:
         self.folder = Path(folder)
+        lesson = LessonConfig() if lesson is None else lesson
+        lines = lesson.config.candidates.lines if lesson.lines is None else lesson.lines
         self._task = LearningTask(
-            database, captures, self.folder, lesson or LessonConfig(), None,
+            open_labels, captures, self.folder, replace(lesson, lines=lines), None,
             params or LearningParams(),
         )  # fmt: skip
         self._lock = threading.RLock()
@@ -462,9 +468,7 @@ class _Telling:
 def _lessons(task: LearningTask, progress: _Progress) -> Lessons:
     mix = None if task.mix is None else read_set(Store(task.mix))
     captures = CaptureStore(Store(task.captures))
-    from boxgrasp.labeling.record import Record  # SQLAlchemy, in the process alone
-
-    with local_workers(1) as workers, Record.open(task.database, create=False) as labels:
+    with local_workers(1) as workers, task.open_labels() as labels:
         telling = _Telling(workers, progress)
         return lessons_of(labels, captures, telling, task.lesson, mix=mix, title="")
 
