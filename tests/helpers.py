@@ -40,6 +40,16 @@ def seen(scene: TableScene, noise_seed: int | None = None) -> Capture:
     return to_capture(scene, rng, noise=noise_seed is not None)[0]
 
 
+def halved(capture: Capture) -> Capture:
+    """The same view with every second pixel of every second row: a quarter of the work."""
+    assert capture.depth is not None and capture.rgb is not None
+    assert capture.intrinsics is not None and capture.target_pixel is not None
+    K = np.diag([0.5, 0.5, 1.0]) @ capture.intrinsics
+    u, v = (value // 2 for value in capture.target_pixel)
+    images = capture.depth[::2, ::2], K, capture.T_base_camera, capture.rgb[::2, ::2]
+    return Capture(*images, target_pixel=(u, v))
+
+
 def answer_text(selection: Any) -> str:
     """The answer's line but for its timings."""
     plain = selection.to_dict()

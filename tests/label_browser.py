@@ -17,13 +17,11 @@ from typing import Any
 import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-# WebGL without a graphics card.
-ARGUMENTS = (
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
+# WebGL without a graphics card; and none, where the cloud is not what a test is about.
+DRAWING = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+NOT_DRAWING = ("--disable-3d-apis", "--disable-gpu")
+POLLING_MS = 20  # else it looks once a picture, and a software renderer makes few
+PATIENCE_MS = 5_000
 SIZE = {"width": 1280, "height": 720}
 
 
@@ -35,12 +33,13 @@ def chromium_path() -> str:
 
 
 @contextlib.contextmanager
-def chromium() -> Iterator[Any]:
-    """A headless browser; skips where there is none."""
+def chromium(*, drawing: bool = True) -> Iterator[Any]:
+    """A headless browser, with or without the cloud; skips where there is none."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     path = chromium_path()
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        words = ["--no-sandbox", *(DRAWING if drawing else NOT_DRAWING)]
+        browser = playwright.chromium.launch(executable_path=path, args=words)
         yield browser
         browser.close()
 
@@ -104,6 +103,9 @@ class Labeling:
     """One operator's page, driven as a person drives it."""
 
     def __init__(self, browser: Any, url: str, operator: str) -> None:
+        from playwright.sync_api import TimeoutError
+
+        self._timed_out = TimeoutError
         self.context = browser.new_context(viewport=SIZE)
         self.page = self.context.new_page()
         self.faults: list[str] = []
@@ -122,7 +124,9 @@ class Labeling:
         """Waits until the page shows a scene, or another one than before."""
         before = -1 if after is None else after
         self.page.wait_for_function(
-            "before => Number(document.body.dataset.serial ?? -1) > before", arg=before
+            "before => Number(document.body.dataset.serial ?? -1) > before",
+            arg=before,
+            polling=POLLING_MS,
         )
         return self.serial
 
@@ -143,13 +147,27 @@ class Labeling:
             self.page.keyboard.press(key)
 
     def save(self, *keys: str) -> str:
-        """Chooses by keys, saves, and waits for the next scene; the key of what was labeled."""
+        """Chooses by keys, saves, and waits for the next scene; the key of what was labeled.
+
+        Keys that came while the page waited for a lost server are given again, as people do.
+        """
         key, before = self.scene_key, self.serial
-        self.press(*keys, "Enter")
-        self.page.wait_for_function(
-            "before => document.body.dataset.serial !== String(before)", arg=before
-        )
-        return key
+        while True:
+            self.press(*keys, "Enter")
+            try:
+                self.page.wait_for_function(
+                    "before => document.body.dataset.serial !== String(before)",
+                    arg=before,
+                    timeout=PATIENCE_MS,
+                    polling=POLLING_MS,
+                )
+            except self._timed_out:
+                before = self.serial
+                self.press("Escape", "Escape")
+            shown = self.state["shown"]
+            if shown is None or shown["scene_key"] != key:
+                return key
+            before = self.serial  # the same scene still, or by a server that was started again
 
     def shot(self, folder: Path | None, name: str) -> None:
         if folder is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import answer_text, drawn, seen
+from helpers import answer_text, drawn, halved, seen
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -26,7 +26,7 @@ from boxgrasp.labeling.server.openapi import publish_schemas
 from boxgrasp.labeling.server.security import Access, Guard, UploadLimits
 from boxgrasp.labeling.server.select_api import Selections, select_router
 
-SEEN = seen(drawn(3), 3)
+SEEN = halved(seen(drawn(3), 3))
 FILE = "capture.npz"
 
 
@@ -43,7 +43,7 @@ def npz(capture: Capture) -> bytes:
 
 
 NPZ = npz(SEEN)
-SELECTIONS = Selections(limits=UploadLimits(body_bytes=4 << 20))
+SELECTIONS = Selections(limits=UploadLimits(body_bytes=4 << 20, unpacked_bytes=8 << 20))
 
 
 def app() -> Any:
@@ -142,7 +142,7 @@ REFUSED: list[tuple[str, Callable[[], httpx.Response], int, str]] = [
     ("no archive", lambda: octets(b"nothing"), 400, "capture: "),
     ("empty", lambda: octets(b""), 400, "capture: "),
     ("type", lambda: asked("/select", json={}), 415, "application/octet-stream"),
-    ("no type", lambda: asked("/select", content=b"x"), 415, "missing"),
+    ("no type", lambda: asked("/select", content=b"x"), 415, "Content-Type is missing; valid"),
     ("pixel", lambda: octets(NPZ, "?pixel=1"), 400, "pixel is '1'; valid: u,v"),
     ("float pixel", lambda: octets(NPZ, "?pixel=1,2.5"), 400, "whole pixels"),
     ("infinite", lambda: octets(NPZ, "?point=1,2,inf"), 400, "meters"),
@@ -221,7 +221,7 @@ def test_a_request_that_gets_no_answer_gets_one_line(
 
 def test_a_small_archive_of_large_arrays_is_refused_before_it_is_unpacked() -> None:
     held = io.BytesIO()
-    np.savez_compressed(held, depth=np.zeros((8192, 8192)), intrinsics=np.eye(3))
+    np.savez_compressed(held, depth=np.zeros((1100, 1000)), intrinsics=np.eye(3))
     assert "unpacks to" in error_of(octets(held.getvalue()), 400)
 
 

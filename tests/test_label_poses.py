@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import drawn, seen
+from helpers import drawn, halved, seen
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -26,7 +26,7 @@ from boxgrasp.labeling.captures import CaptureStore
 from boxgrasp.labeling.poses import PARAMS, PoseOf, label_from_pose, nearest_candidate
 from boxgrasp.labeling.record import Record
 
-SEEN = seen(drawn(7), 7)
+SEEN = halved(seen(drawn(7), 7))
 ANSWER = GraspSelector().select(SEEN)
 
 
@@ -53,7 +53,7 @@ def naive(answer: Selection, T: np.ndarray) -> list[tuple[float, int, float, flo
     return sorted(rows)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.1, 1.0]))
 def test_the_nearest_is_that_of_a_loop(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)

@@ -97,7 +97,7 @@ def test_several_open_a_new_database_at_once(url: str) -> None:
     code = "import sys; from boxgrasp.labeling.record import Record; Record.open(sys.argv[1])"
     started = [
         subprocess.Popen([sys.executable, "-c", code, url], stderr=subprocess.PIPE)
-        for _ in range(3)
+        for _ in range(2)
     ]
     for process in started:
         assert process.communicate()[1] == b""
@@ -467,6 +467,19 @@ def test_a_scene_is_free_when_its_time_is_over_or_it_is_released(record: Record)
     assert record.renew(scene(0).key, "ann", after(500))  # nobody wanted it meanwhile
 
 
+def test_an_operator_goes_back_to_a_scene_that_nobody_has(record: Record) -> None:
+    record.add_scenes(SOURCE, [scene(0), scene(1)])
+    first = record.save(label(scene(0).key))
+    assert record.find(first.id) == first and record.find(new_id()) is None
+    assert record.hold(scene(0).key, "ann", ONCE, after(1))
+    assert not record.hold(scene(0).key, "bob", ONCE, after(2))
+    assert key_of(record, "ann", 3) == scene(1).key  # one that she labeled is no turn
+    assert record.hold(scene(0).key, "bob", ONCE, after(4))
+    assert not record.hold(scene(1).key, "bob", ONCE, after(5))
+    with pytest.raises(LabelError, match="no scene nothing"):
+        record.hold("nothing", "ann", ONCE, after(6))
+
+
 def test_a_label_of_one_whose_time_was_over_is_kept(record: Record) -> None:
     record.add_scenes(SOURCE, [scene(0)])
     rules = TurnRules(lease_s=10.0)
@@ -636,6 +649,28 @@ def test_processes_label_side_by_side(url: str) -> None:
         assert min(counts["ann"], counts["bob"]) > 5, "neither waits for the other"
         kept = {line.split()[1] for text in heard for line in text.splitlines() if "kept" in line}
         assert kept == {item.id for item in labels}
+
+
+def test_all_who_ask_at_once_get_scenes_of_their_own(record: Record) -> None:
+    record.add_scenes(SOURCE, [scene(k) for k in range(10)])
+    with ThreadPoolExecutor(8) as pool:
+        keys = list(pool.map(lambda k: key_of(record, f"operator {k}"), range(10)))
+    assert sorted(filter(None, keys)) == [scene(k).key for k in range(10)]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_child_connects_by_itself(record: Record) -> None:
+    record.add_scenes(SOURCE, [scene(0), scene(1)])
+    record.save(label(scene(0).key))
+    child = os.fork()
+    if child == 0:
+        try:
+            record.save(label(scene(1).key, at=1))
+            os._exit(len(record.standing()))
+        finally:
+            os._exit(99)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 2
+    assert len(record.standing()) == 2
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGKILL")

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import drawn, seen
+from helpers import drawn, halved, seen
 
 from boxgrasp import Capture, GraspSelector, Selection, Target
 from boxgrasp.cli import main
-from boxgrasp.errors import BoxgraspError, ConfigError
+from boxgrasp.errors import BoxgraspError, ConfigError, StoreError
 from boxgrasp.io.npz import save_npz
 from boxgrasp.labeling import client
 from boxgrasp.labeling.client import Assistance, Stuck, ask_person
@@ -44,7 +44,7 @@ from boxgrasp.labeling.sources import load_scene
 from boxgrasp.labeling.words import Ask, OperatorLabel
 from boxgrasp.strict import plain
 
-SEEN = seen(drawn(7), 7)
+SEEN = halved(seen(drawn(7), 7))
 FACES = {"candidates": {"faces": ["left"]}}  # none of which passes in this view
 SELECTOR = GraspSelector(FACES)
 STUCK = SELECTOR.select(SEEN)
@@ -230,8 +230,22 @@ def test_nobody_answers(server: Server) -> None:
     answer = asked(server.url, seconds=1.0)
     assert answer.refusal == STUCK.refusal
     assert codes(answer) == [*codes(STUCK), "nobody_answered"]
-    time.sleep(0.1)
     assert server.record.open_asks(now()) == []
+
+
+def test_an_answer_at_the_last_moment_counts(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = client._Question._withdraw
+
+    def late(question: client._Question) -> None:
+        (ask,) = server.record.open_asks(now())
+        server.record.save(said(ask, label=4))
+        before(question)
+
+    monkeypatch.setattr(client._Question, "_withdraw", late)
+    answer = asked(server.url, seconds=1.0)
+    assert answer.grasp is not None and answer.grasp.label == 4
 
 
 def test_a_grasp_asks_nobody() -> None:
@@ -419,6 +433,29 @@ def test_a_faulty_question_gets_one_line(
 ) -> None:
     response = post(server, **params)
     assert response.status_code == status and message in response.json()["error"]
+
+
+def test_a_full_disk_gets_one_line(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_given: Any) -> str:
+        raise StoreError("captures/ab: No space left on device")
+
+    monkeypatch.setattr(CaptureStore, "add", full)
+    response = post(server)
+    assert response.status_code == 503
+    assert response.json() == {"error": "captures/ab: No space left on device"}
+
+
+def test_a_fault_of_ours_gets_one_line(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Selections, "selector", lambda *_: 1 / 0)
+    response = post(server)
+    assert response.status_code == 500
+    assert response.json()["error"].startswith("internal error: ZeroDivisionError")
+
+
+@pytest.mark.parametrize("wait", ["x", "-1", "nan", "61"])
+def test_a_faulty_wait_gets_one_line(server: Server, wait: str) -> None:
+    response = httpx.get(f"{server.url}/ask/x", params={"wait": wait})
+    assert response.status_code == 400 and "valid: 0 to 60" in response.json()["error"]
 
 
 def test_an_unknown_question_gets_one_line(server: Server) -> None:

@@ -392,6 +392,11 @@ class Selection:
             return self.candidate(self.grasp.label)
         return None if self.refusal is None else self.candidate(self.refusal.nearest_label)
 
+    @property
+    def chosen_by(self) -> str:
+        """Who ordered the candidates, or took one, in words."""
+        return "taken by a person" if self.ranker == PERSON else f"ordered by {self.ranker}"
+
     def headline(self) -> str:
         """The answer in one sentence.
 
@@ -422,8 +427,7 @@ class Selection:
                 f"{self.frame} frame."
             )
         said.append(
-            f"{len(self.passing)} of {len(self.candidates)} candidates pass, ordered by "
-            f"{self.ranker}."
+            f"{len(self.passing)} of {len(self.candidates)} candidates pass, {self.chosen_by}."
         )
         said += [f"Warning: {warning.message}." for warning in self.warnings]
         return " ".join(said)

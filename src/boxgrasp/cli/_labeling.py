@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import functools
 import os
 import sys
 from collections.abc import Iterator
@@ -205,16 +204,15 @@ def _serve(
 ) -> None:
     from boxgrasp.labeling.learning import Learner
     from boxgrasp.labeling.lessons import LessonConfig
-    from boxgrasp.labeling.record import Record
     from boxgrasp.labeling.server.desk import Desk
     from boxgrasp.labeling.server.run import serve as serve_page
     from boxgrasp.labeling.server.select_api import Selections
 
     record, _, captures, config, _ = desk_of
     learner = Learner(
-        beside_database(args.database, "models"),
-        functools.partial(Record.open, args.database, False),
+        args.database,
         captures.store.place,
+        beside_database(args.database, "models"),
         LessonConfig(config),
     )
     desk = Desk(*desk_of, learner)

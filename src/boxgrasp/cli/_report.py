@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from boxgrasp.grasps.candidates import FACES, line_name
 from boxgrasp.grasps.checks.check import measured, spelled
-from boxgrasp.result import Candidate, CheckValue, Selection
+from boxgrasp.result import PERSON, Candidate, CheckValue, Selection
 
 
 def summary(selection: Selection, name: str) -> str:
@@ -26,13 +26,14 @@ def summary(selection: Selection, name: str) -> str:
         turn = " ".join(f"{value:.4f}" for value in selection.grasp.quaternion_xyzw)
         lines.append(f"  gripper at {position} m, quaternion xyzw {turn}, {selection.frame} frame")
         shown = selection.candidate(selection.grasp.label)
-        lines += [f"  unchecked: {reason.sentence}" for reason in shown.rejections]
+        why = "overridden" if selection.ranker == PERSON else "unchecked"
+        lines += [f"  {why}: {reason.sentence}" for reason in shown.rejections]
     else:
         center = " ".join(f"{value:.3f}" for value in selection.box.T_base_box[:3, 3])
         lines.append(f"  target at {center} m, {selection.frame} frame")
     lines.append(
         f"  {len(selection.passing)} of {len(selection.candidates)} candidates pass, "
-        f"ordered by {selection.ranker}"
+        f"{selection.chosen_by}"
     )
     lines += [f"  warning: {warning.message}" for warning in selection.warnings]
     return "\n".join(lines)

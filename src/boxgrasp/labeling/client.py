@@ -176,19 +176,23 @@ class _Question:
             AssistError: the server does not know the question.
         """
         while (left := self._end - time.monotonic()) > 0:
-            wait = min(left, _WAIT_S)
-            try:
-                status, found = self._request("GET", f"/ask/{self._id}?wait={wait:.3f}", None, wait)
-            except OSError:
-                self._pause()
-                continue
+            status, found = self._look(min(left, _WAIT_S))
             if status == 200:
                 return _of_person(_selection_of(found, self._to.url))
             if status in (400, 401, 403, 404, 421):
                 raise AssistError(_refused(self._to.url, status, found))
             if status != 202:
                 self._pause()
-        return None
+        self._withdraw()
+        status, found = self._look(0.0)  # somebody may have answered at the last moment
+        return _of_person(_selection_of(found, self._to.url)) if status == 200 else None
+
+    def _look(self, wait: float) -> tuple[int, dict[str, Any]]:
+        """Status and object of what is known of the question; 503 while nobody is there."""
+        try:
+            return self._request("GET", f"/ask/{self._id}?wait={wait:.3f}", None, wait)
+        except OSError:
+            return 503, {}
 
     def _pause(self) -> bool:
         """Wait before the next try; False where no time is left."""

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from weakref import WeakSet
 
 import sqlalchemy as sa
 from alembic import command
@@ -20,6 +21,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from boxgrasp.errors import ConfigError, StoreError
+from boxgrasp.forks import drop_in_child
 
 VALID = "a path, sqlite:///PATH or postgresql+pg8000://USER@HOST/DATABASE"
 BUSY_S = 20.0  # how long a writer of SQLite waits for another; each holds it for milliseconds
@@ -27,7 +29,9 @@ _VERSION_TABLE = "boxgrasp_labels_version"
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _SETUP_LOCK = 0x626F786772617370  # of PostgreSQL's advisory locks: held while tables are made
 _WRITES = "boxgrasp_writes"
-_ONE_MIGRATES = threading.Lock()  # Alembic keeps what it works on in its modules
+_one_migrates = threading.Lock()  # Alembic keeps what it works on in its modules
+_open: WeakSet[Database] = WeakSet()
+_of_parent: list[sa.Pool] = []  # kept: to close what the parent opened would disturb it
 
 
 class Database:
@@ -47,8 +51,8 @@ class Database:
 
     name: str
 
-    def __init__(self, url: str, create: bool = True) -> None:
-        parsed = _parsed(url)
+    def __init__(self, url: str | os.PathLike[str], create: bool = True) -> None:
+        parsed = _parsed(os.fspath(url))
         self.name = _printable(parsed)
         self._is_sqlite = parsed.get_backend_name() == "sqlite"
         self._password = parsed.password
@@ -57,6 +61,7 @@ class Database:
         with self._told():
             self._engine = self._make_engine(parsed)
         self._writer = self._engine.execution_options(**{_WRITES: True})
+        _open.add(self)
         try:
             with self._told():
                 self._set_up(create)
@@ -67,6 +72,11 @@ class Database:
     def close(self) -> None:
         """Let go of every connection."""
         self._engine.dispose()
+
+    def forget_connections(self) -> None:
+        """Let a forked child make connections of its own."""
+        _of_parent.append(self._engine.pool)
+        self._engine.dispose(close=False)
 
     @contextmanager
     def reads(self) -> Iterator[sa.Connection]:
@@ -193,6 +203,16 @@ class Database:
         return f"{self.name}: {said}; valid: {_remedy(said)}"
 
 
+def _after_fork() -> None:
+    global _one_migrates
+    _one_migrates = threading.Lock()
+    for database in _open:
+        database.forget_connections()
+
+
+drop_in_child(_after_fork)
+
+
 def is_taken(error: IntegrityError, column: str) -> bool:
     """Whether a row was refused since another one has that value.
 
@@ -212,7 +232,7 @@ def _parsed(url: str) -> sa.URL:
     if "://" not in url:
         if not url:
             raise ConfigError(f"no database given; valid: {VALID}")
-        return sa.URL.create("sqlite", database=os.fspath(url))
+        return sa.URL.create("sqlite", database=url)
     scheme = url.partition("://")[0]
     if scheme not in ("sqlite", "postgresql", "postgres", "postgresql+pg8000"):
         raise ConfigError(f"no databases of {scheme[:40]!r} are known; valid: {VALID}")
@@ -275,7 +295,7 @@ def _migrate(connection: sa.Connection) -> None:
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     config.attributes["boxgrasp"] = {"connection": connection, "version_table": _VERSION_TABLE}
-    with _ONE_MIGRATES:
+    with _one_migrates:
         command.upgrade(config, "head")
 
 
@@ -294,6 +314,7 @@ _REMEDIES = {
     "not a database": "a database of boxgrasp's labels, or a new file",
     "malformed": "a database of boxgrasp's labels that is not damaged",
     "disk is full": "free space, or another disk",
+    "disk I/O error": "a disk that works and has free space",
     "readonly": "a file that may be written",
     "read-only": "a file that may be written",
     "unable to open": "a file that may be read and written, in a folder that may be too",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from datetime import datetime
+from os import PathLike
 from types import TracebackType
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import IntegrityError
 
 from boxgrasp.errors import LabelError, StoreError
@@ -18,10 +18,12 @@ from boxgrasp.labeling.record.labels import KeptLabel
 from boxgrasp.labeling.record.tables import (
     ASK_FIELDS,
     ASKS,
+    BATCH,
     LABELS,
     SCENES,
     SOURCES,
     ask_of,
+    insert_all,
     scene_of,
     scene_row,
 )
@@ -55,7 +57,7 @@ class Record:
         self.name = database.name
 
     @staticmethod
-    def open(url: str, create: bool = True) -> Record:
+    def open(url: str | PathLike[str], create: bool = True) -> Record:
         """Open a database of labels, and bring its schema up to date.
 
         Args:
@@ -446,7 +448,7 @@ class Record:
         self.scene(ask.scene_key)
         row = {name: getattr(ask, name) for name in ASK_FIELDS} | {"withdrawn": False}
         with self._database.writes() as connection:
-            connection.execute(_inserted(connection, ASKS).on_conflict_do_nothing(), row)
+            insert_all(connection, ASKS, [row], skip_known=True)
             kept = connection.execute(sa.select(ASKS).where(ASKS.c.id == ask.id)).mappings().one()
         if ask_of(kept) != ask:
             raise LabelError(f"ask {ask.id} is kept already and differs; valid: an id of its own")
@@ -549,10 +551,9 @@ def _put_scenes(connection: sa.Connection, scenes: dict[str, LabelScene]) -> Non
     """
     # By key, so that two who add the same at once do not wait for each other in a circle.
     rows = [scene_row(scenes[key]) for key in sorted(scenes)]
-    for k in range(0, len(rows), labels.BATCH):
-        some = rows[k : k + labels.BATCH]
-        connection.execute(_inserted(connection, SCENES).on_conflict_do_nothing(), some)
-        keys = [row["key"] for row in some]
+    insert_all(connection, SCENES, rows, skip_known=True)
+    for k in range(0, len(rows), BATCH):
+        keys = [row["key"] for row in rows[k : k + BATCH]]
         found = connection.execute(sa.select(SCENES).where(SCENES.c.key.in_(keys))).mappings()
         _check_same(scenes, {row["key"]: scene_of(row) for row in found})
 
@@ -567,9 +568,7 @@ def _place(connection: sa.Connection, source: str, names: dict[str, str]) -> Non
         for k, (key, name) in enumerate(names.items())
     ]
     rows.sort(key=lambda row: str(row["scene_key"]))
-    for k in range(0, len(rows), labels.BATCH):
-        placed = _inserted(connection, SOURCES).on_conflict_do_nothing()
-        connection.execute(placed, rows[k : k + labels.BATCH])
+    insert_all(connection, SOURCES, rows, skip_known=True)
 
 
 def _check_same(wanted: dict[str, LabelScene], known: dict[str, LabelScene]) -> None:
@@ -580,9 +579,3 @@ def _check_same(wanted: dict[str, LabelScene], known: dict[str, LabelScene]) -> 
                 raise LabelError(
                     f"scene {key} is known with another {name}; valid: one key a scene"
                 )
-
-
-def _inserted(connection: sa.Connection, table: sa.Table) -> sqlite.Insert | postgresql.Insert:
-    if connection.dialect.name == "sqlite":
-        return sqlite.insert(table)
-    return postgresql.insert(table)

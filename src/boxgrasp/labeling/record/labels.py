@@ -12,10 +12,12 @@ import sqlalchemy as sa
 
 from boxgrasp.errors import LabelError
 from boxgrasp.labeling.record.tables import (
+    BATCH,
     LABELS,
     LEASES,
     SCENES,
     SOURCES,
+    insert_all,
     label_of,
     label_row,
 )
@@ -23,7 +25,6 @@ from boxgrasp.labeling.record.turns import stands
 from boxgrasp.labeling.words import LabelScene, OperatorLabel, Progress
 from boxgrasp.strict import plain
 
-BATCH = 500  # rows a statement
 RECENT = 20  # labels that a rate is of
 PAUSE_S = 600.0  # a longer gap between two labels is a pause, which no rate counts
 # What the server notes when a save reaches it: another time at the second try of the same.
@@ -197,8 +198,7 @@ def _insert_all(connection: sa.Connection, ready: Sequence[OperatorLabel]) -> No
             if label.supersedes in corrected:
                 raise superseded(label.supersedes)
             corrected.add(label.supersedes)
-    for k in range(0, len(ready), BATCH):
-        connection.execute(sa.insert(LABELS), [label_row(x) for x in ready[k : k + BATCH]])
+    insert_all(connection, LABELS, [label_row(label) for label in ready])
 
 
 def _known(connection: sa.Connection, ids: Sequence[str]) -> dict[str, OperatorLabel]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from typing import Any
 
@@ -17,6 +18,7 @@ from sqlalchemy import (
     Boolean,
     CheckConstraint,
     Column,
+    Connection,
     DateTime,
     Dialect,
     Double,
@@ -29,11 +31,15 @@ from sqlalchemy import (
     Table,
     Text,
     TypeDecorator,
+    literal,
+    text,
 )
+from sqlalchemy.dialects import postgresql, sqlite
 
 from boxgrasp.labeling.words import Ask, LabelScene, OperatorLabel
 
 KEY_LENGTH, ID_LENGTH = 120, 36
+BATCH = 500  # rows a statement
 Row = dict[str, Any]
 
 
@@ -170,6 +176,36 @@ def draw_of(key: str, purpose: str) -> float:
     """
     digest = hashlib.sha256(f"{purpose}:{key}".encode()).digest()
     return int.from_bytes(digest[:6], "big") / 2**48
+
+
+def insert_all(
+    connection: Connection, table: Table, rows: Sequence[Row], skip_known: bool = False
+) -> None:
+    """Add many rows.
+
+    Args:
+        connection: of a transaction that writes.
+        table: that they are of.
+        rows: values by column, all of the same columns.
+        skip_known: whether rows that are there already are left out, else refused.
+
+    Raises:
+        IntegrityError: a row contradicts what is there.
+    """
+    on_sqlite = connection.dialect.name == "sqlite"
+    for k in range(0, len(rows), BATCH):
+        some = list(rows[k : k + BATCH])
+        if on_sqlite:
+            light = sqlite.insert(table)
+            connection.execute(light.on_conflict_do_nothing() if skip_known else light, some)
+            continue
+        insert = postgresql.insert(table)
+        # With an answer, SQLAlchemy sends many rows at once; without, pg8000 one by one.
+        answered = (insert.on_conflict_do_nothing() if skip_known else insert).returning(literal(1))
+        connection.execute(answered, some).all()
+    if not on_sqlite and len(rows) >= BATCH:
+        # Else PostgreSQL plans for an empty table until it looks by itself, in a minute or so.
+        connection.execute(text(f"ANALYZE {table.name}"))
 
 
 def scene_row(scene: LabelScene) -> Row:

@@ -218,10 +218,11 @@ def _own_ones(connection: sa.Connection, wish: Wish) -> list[str]:
 
 def _new_ones(connection: sa.Connection, wish: Wish) -> list[str]:
     """Scenes without a label that stands, in the source's order."""
-    labeled = sa.exists().where(LABELS.c.scene_key == SOURCES.c.scene_key, stands())
+    # Not a condition on each scene: PostgreSQL would go through all labels for each.
+    labeled = sa.select(LABELS.c.scene_key).where(stands())
     query = sa.select(SOURCES.c.scene_key).where(
         SOURCES.c.source == wish.source,
-        ~labeled.correlate(SOURCES),
+        SOURCES.c.scene_key.not_in(labeled),
         _free(SOURCES.c.scene_key, wish),
     )
     return _listed(connection, query.order_by(SOURCES.c.position, SOURCES.c.scene_key))

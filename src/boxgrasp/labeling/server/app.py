@@ -86,9 +86,8 @@ def make_app(desk: Desk) -> FastAPI:
         lifespan=lifespan,
     )
     app.state.sessions = sessions
-    app.include_router(_page_router(sessions))
-    app.include_router(_label_router(sessions))
-    app.include_router(learn_router(sessions))
+    for router in (_page_router, _label_router, _step_router, _look_router, learn_router):
+        app.include_router(router(sessions))
     for kind, status in ((UnknownSessionError, 404), (StaleError, 409), (BoxgraspError, 422)):
         app.add_exception_handler(kind, _refusal(status))
     return app
@@ -181,8 +180,13 @@ async def _events(sessions: Sessions, session: Session) -> AsyncIterator[str]:
 
 
 def _label_router(sessions: Sessions) -> APIRouter:
-    """What the operator does."""
+    """What the operator says, and what is known of it."""
     router = APIRouter(prefix="/api", include_in_schema=False)
+
+    @router.get("/start")
+    def start() -> dict[str, Any]:
+        desk = sessions.desk
+        return {"operator": desk.rules.operator, "source": desk.source, "mode": desk.rules.mode}
 
     @router.post("/session")
     def begin(words: _Begin) -> dict[str, Any]:
@@ -192,11 +196,6 @@ def _label_router(sessions: Sessions) -> APIRouter:
     def state(session: Annotated[str, Query(max_length=64)]) -> dict[str, Any]:
         return sessions.get(session).state()
 
-    @router.get("/start")
-    def start() -> dict[str, Any]:
-        desk = sessions.desk
-        return {"operator": desk.rules.operator, "source": desk.source, "mode": desk.rules.mode}
-
     @router.post("/save")
     def save(words: _Save) -> dict[str, Any]:
         session = sessions.get(words.session)
@@ -204,11 +203,18 @@ def _label_router(sessions: Sessions) -> APIRouter:
         session.save(Said(**said))
         return session.state()
 
-    @router.post("/choose")
-    def choose(words: _Choose) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.choose(words.face, words.label)
-        return session.choice()
+    @router.get("/agreements")
+    def agreements(session: Annotated[str, Query(max_length=64)]) -> list[dict[str, Any]]:
+        sessions.get(session)
+        record, source = sessions.desk.record, sessions.desk.source
+        return [vars(item) for item in record.agreements(source)]
+
+    return router
+
+
+def _step_router(sessions: Sessions) -> APIRouter:
+    """From one scene to another."""
+    router = APIRouter(prefix="/api", include_in_schema=False)
 
     @router.post("/skip")
     def skip(words: _Of) -> dict[str, Any]:
@@ -252,6 +258,19 @@ def _label_router(sessions: Sessions) -> APIRouter:
         session.answer_ask()
         return session.state()
 
+    return router
+
+
+def _look_router(sessions: Sessions) -> APIRouter:
+    """What the operator looks at and points to."""
+    router = APIRouter(prefix="/api", include_in_schema=False)
+
+    @router.post("/choose")
+    def choose(words: _Choose) -> dict[str, Any]:
+        session = sessions.get(words.session)
+        session.choose(words.face, words.label)
+        return session.choice()
+
     @router.post("/reveal")
     def reveal(words: _Switch) -> dict[str, Any]:
         session = sessions.get(words.session)
@@ -269,11 +288,5 @@ def _label_router(sessions: Sessions) -> APIRouter:
         session = sessions.get(words.session)
         session.view.reset_camera()
         return session.choice()
-
-    @router.get("/agreements")
-    def agreements(session: Annotated[str, Query(max_length=64)]) -> list[dict[str, Any]]:
-        sessions.get(session)
-        record, source = sessions.desk.record, sessions.desk.source
-        return [vars(item) for item in record.agreements(source)]
 
     return router

@@ -9,10 +9,9 @@ import asyncio
 import math
 import time
 import uuid
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query
 from starlette.requests import Request
@@ -24,12 +23,12 @@ from boxgrasp.labeling.captures import CaptureStore
 from boxgrasp.labeling.record import Record
 from boxgrasp.labeling.server.openapi import answers, upload
 from boxgrasp.labeling.server.select_api import Selections, in_one_line
-from boxgrasp.labeling.server.uploads import RequestError, Upload, read_upload
+from boxgrasp.labeling.server.uploads import RequestError, Upload
 from boxgrasp.labeling.sources import capture_scene
 from boxgrasp.labeling.words import Ask
 from boxgrasp.result import Selection
 
-_Found = TypeVar("_Found")
+_MOST_WAIT_S: Final = 60.0  # that may be asked for
 _MORE: Final = {
     "seconds": ("how long the answer is of use; default 120", "120"),
     "asker": ("who asks, as operators read it", "arm 3"),
@@ -200,14 +199,14 @@ def _add_post(router: APIRouter, asks: Asks) -> None:
         "/ask",
         status_code=202,
         summary="Put a capture before the operators",
-        responses=answers(202, (400, 409, 413, 415, 422, 503), "Asked"),
+        responses=answers(202, (400, 408, 409, 413, 415, 422, 503), "Asked"),
         openapi_extra=upload(_MORE),
         response_class=Response,
     )
     async def add(request: Request) -> Response:
         async def work() -> Response:
             with asks.selections.place():
-                given = await read_upload(request, asks.selections.limits, tuple(_MORE))
+                given = await asks.selections.read(request, tuple(_MORE))
                 ask = await asks.selections.run(lambda: asks.add(given))
             return JSONResponse(_told(ask, whole=True), 202)
 
@@ -218,17 +217,17 @@ def _add_get(router: APIRouter, asks: Asks) -> None:
     @router.get(
         "/ask/{ask_id}",
         summary="The answer of an operator, or 202 while there is none",
-        responses=answers(200, (404, 422)) | answers(202, (), "Asked"),
+        responses=answers(200, (400, 404, 422)) | answers(202, (), "Asked"),
         response_class=Response,
     )
     async def look(
         ask_id: str,
-        wait: Annotated[float, Query(ge=0, le=60, description="seconds to wait for it")] = 0.0,
+        wait: Annotated[str, Query(description="seconds to wait for it, 0 to 60")] = "0",
     ) -> Response:
         async def work() -> Response:
-            end = time.monotonic() + min(wait, asks.limits.wait_s)
+            end = time.monotonic() + min(_wait_of(wait), asks.limits.wait_s)
             while True:
-                found = await _in_thread(lambda: asks.look(ask_id))
+                found = await asyncio.to_thread(lambda: asks.look(ask_id))
                 if isinstance(found, Selection):
                     return Response(found.to_json(), media_type="application/json")
                 left = end - time.monotonic()
@@ -249,22 +248,25 @@ def _add_delete(router: APIRouter, asks: Asks) -> None:
     )
     async def withdraw(ask_id: str) -> Response:
         async def work() -> Response:
-            await _in_thread(lambda: asks.withdraw(ask_id))
+            await asyncio.to_thread(lambda: asks.withdraw(ask_id))
             return Response(status_code=204)
 
         return await in_one_line(work)
 
 
-async def _in_thread(work: Callable[[], _Found]) -> _Found:
-    """Look into the record; what it refuses is one line.
+def _wait_of(text: str) -> float:
+    """Seconds that a request waits.
 
     Raises:
-        RequestError: it refuses.
+        RequestError: no such number.
     """
     try:
-        return await asyncio.to_thread(work)
-    except BoxgraspError as error:
-        raise RequestError(422, str(error)) from None
+        wait = float(text)
+    except ValueError:
+        wait = math.nan
+    if not 0 <= wait <= _MOST_WAIT_S:
+        raise RequestError(400, f"wait is {text!r:.40}; valid: 0 to {_MOST_WAIT_S:.0f}")
+    return wait
 
 
 def _told(ask: Ask, *, whole: bool = False) -> dict[str, Any]:

@@ -29,6 +29,7 @@ _ERRORS: Final = {
     401: "the token is missing or wrong",
     403: "the request comes from another site's page",
     404: "no such ask is known",
+    408: "the body took too long to come",
     409: "the ask's id is taken by another capture",
     413: "too large",
     415: "the body is of another type",

@@ -29,14 +29,14 @@ class ShownParams:
 
     Attributes:
         most_points: of the cloud; 50,000 are drawn fluently by a tablet and take 0.5 MB.
-        near_m: round the target within which points are kept first, m: where a hand moves.
-        far_m: beyond it nothing is shown, m: the floor and the walls of the room.
+        round_target_m: round the target within which points are kept first, m: where a hand moves.
+        farthest_m: beyond it nothing is shown, m: the floor and the walls of the room.
         image_px: width of the camera's image beside the cloud, px.
     """
 
     most_points: int = 50_000
-    near_m: float = 0.35
-    far_m: float = 1.2
+    round_target_m: float = 0.35
+    farthest_m: float = 1.2
     image_px: int = 720
 
 
@@ -130,8 +130,8 @@ def prepare(
 def _nearest_first(points: Points, middle_m: Floats, params: ShownParams) -> NDArray[np.int64]:
     """Rows, rising, of the points that are shown: those near the target, then some of the rest."""
     distance = np.linalg.norm(points - middle_m.astype(np.float32), axis=1)
-    near = np.flatnonzero(distance <= params.near_m)
-    rest = np.flatnonzero((distance > params.near_m) & (distance <= params.far_m))
+    near = np.flatnonzero(distance <= params.round_target_m)
+    rest = np.flatnonzero((distance > params.round_target_m) & (distance <= params.farthest_m))
     # A third is kept for the rest, so that a view full of near points still has its surroundings.
     room = max(params.most_points - len(near), params.most_points // 3)
     rest = _thinned(rest, room)

@@ -15,6 +15,7 @@ from boxgrasp.errors import StoreError
 from boxgrasp.labeling.server.app import make_app
 from boxgrasp.labeling.server.asks_api import Asks, asks_router
 from boxgrasp.labeling.server.desk import Desk
+from boxgrasp.labeling.server.openapi import publish_schemas
 from boxgrasp.labeling.server.security import QUIET, Access, Guard, UploadLimits
 from boxgrasp.labeling.server.select_api import Selections, select_router
 
@@ -28,7 +29,7 @@ class Listening:
     Attributes:
         access: address and token.
         port: of it; 0 for any that is free.
-        open_browser: whether to open the page here.
+        open_browser: whether to open the page here, where it asks for no token.
     """
 
     access: Access
@@ -54,6 +55,7 @@ def serve(
     app = make_app(desk)
     app.include_router(select_router(selections))
     app.include_router(asks_router(Asks(selections, desk.record, desk.captures)))
+    publish_schemas(app)
     held = _listen(access.host, listening.port)
     server = uvicorn.Server(
         uvicorn.Config(
@@ -62,13 +64,12 @@ def serve(
     )
     port = int(held.getsockname()[1])
 
-    def tell() -> None:
-        ready(access.url(port))
-        if listening.open_browser:
-            # In a thread of its own: a browser in a terminal would hold the server up.
-            threading.Thread(target=webbrowser.open, args=(access.url(port),), daemon=True).start()
-
-    tell()  # the socket takes connections from here on; they are answered a moment later
+    # The socket takes connections from here on; they are answered a moment later.
+    ready(access.url(port, with_token=access.is_made))
+    # A browser's address stands in the list of processes: with a token it is not opened from here.
+    if listening.open_browser and access.token is None:
+        # In a thread of its own: a browser in a terminal would hold the server up.
+        threading.Thread(target=webbrowser.open, args=(access.url(port),), daemon=True).start()
     try:
         with contextlib.closing(held):
             server.run(sockets=[held])

@@ -7,6 +7,8 @@ Origin, where a browser sends one, must be our own. On any other address everybo
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import hmac
 import html
 import ipaddress
@@ -16,7 +18,6 @@ import secrets
 import socket
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit
@@ -44,6 +45,7 @@ _VALID_TOKEN: Final = "valid: 16 to 200 letters, digits, '-', '_', '.' or '~'"
 _NAMES_OF_LOOPBACK: Final = frozenset(("localhost", "127.0.0.1", "[::1]"))
 _READING: Final = ("GET", "HEAD", "OPTIONS")  # methods that change nothing
 _POLICY_VIOLATION: Final = 1008  # of WebSockets; before one opens, the server answers 403
+_DRAINING_S: Final = 10.0  # that the rest of a refused body may take
 _PORTS: Final = {"http": 80, "https": 443}  # where an address names none
 _VIEW: Final = "/view/"  # the 3D client, a page of viser that is not ours
 
@@ -219,12 +221,13 @@ class Guard:
                 return await self._app(scope, receive, send)
             await receive()
             return await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
-        send = _with_headers(send, str(scope["path"]))
+        bounded = _Bounded(receive, _with_headers(send, str(scope["path"])), self._most_bytes)
+        bounded.is_whole = not _has_body(headers)
         if refused is not None:
-            return await _answer(send, headers, *refused)
+            return await _answer(bounded.send, headers, *refused)
         if (place := self._without_token(scope)) is not None:
-            return await _enter(send, place, str(self._access.token))
-        await self._within_limit(scope, headers, receive, send)
+            return await _enter(bounded.send, place, str(self._access.token))
+        await self._within_limit(scope, headers, bounded)
 
     def _refusal(self, scope: Scope, headers: Mapping[str, str]) -> tuple[int, str] | None:
         """Status and line for whoever may not come in; None for who may."""
@@ -259,26 +262,23 @@ class Guard:
         return path + (f"?{urlencode(kept)}" if kept else "")
 
     async def _within_limit(
-        self, scope: Scope, headers: Mapping[str, str], receive: Receive, send: Send
+        self, scope: Scope, headers: Mapping[str, str], bounded: _Bounded
     ) -> None:
         """Let the app answer a request whose body stays within the limit, else refuse it."""
         told = headers.get("content-length", "0")
         if not (told.isascii() and told.isdigit()):
-            return await _answer(
-                send, headers, 400, f"Content-Length is {told!r:.40}; valid: bytes"
-            )
+            line = f"Content-Length is {told!r:.40}; valid: bytes"
+            return await _answer(bounded.send, headers, 400, line)
         if int(told[:20]) > self._most_bytes:
-            await _drain(receive, self._most_bytes)
-            return await _answer(send, headers, 413, self._too_large(f"{int(told[:20])} bytes"))
-        bounded = _Bounded(receive, send, self._most_bytes)
+            line = self._too_large(f"{int(told[:20])} bytes")
+            return await _answer(bounded.send, headers, 413, line)
         try:
-            await self._app(scope, bounded.receive, bounded.send)
+            await self._app(scope, bounded.receive, bounded.send_of_app)
         except _TooLargeError:
             pass
         if bounded.is_over and not bounded.has_started:
-            await _drain(receive, self._most_bytes)
-            found = f"more than {self._most_bytes} bytes"
-            await _answer(send, headers, 413, self._too_large(found))
+            line = self._too_large(f"more than {self._most_bytes} bytes")
+            await _answer(bounded.send, headers, 413, line)
 
     def _too_large(self, found: str) -> str:
         return f"upload has {found}; valid: at most {self._most_bytes} bytes"
@@ -289,41 +289,58 @@ class _TooLargeError(Exception):
 
 
 class _Bounded:
-    """Counts what comes; beyond the limit the app gets an error and its answer is dropped."""
+    """One request's messages: counts what comes, and takes all of it before an answer goes.
+
+    Who sends first and reads then would find the connection closed, in place of the answer.
+    """
 
     def __init__(self, receive: Receive, send: Send, most_bytes: int) -> None:
-        self._receive, self._send, self._left = receive, send, most_bytes
-        self.has_started = False
+        self._receive, self._send, self._most_bytes = receive, send, most_bytes
+        self._left = most_bytes
+        self.is_whole = self.has_started = False
 
     @property
     def is_over(self) -> bool:
+        """Whether more came than is allowed."""
         return self._left < 0
 
     async def receive(self) -> Message:
+        """The next message; an error beyond the limit."""
         message = await self._receive()
+        self.is_whole = not message.get("more_body", False)
         self._left -= len(message.get("body", b""))
         if self.is_over:
             raise _TooLargeError
         return message
 
+    async def send_of_app(self, message: Message) -> None:
+        """Send what the app answers, unless its request is too large."""
+        if not self.is_over or self.has_started:
+            await self.send(message)
+
     async def send(self, message: Message) -> None:
-        if self.is_over and not self.has_started:
-            return  # a framework may answer the error of a body in its own words
-        self.has_started = True
+        """Send an answer."""
+        if not self.has_started:
+            self.has_started = True
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._drain(), _DRAINING_S)
         await self._send(message)
 
-
-async def _drain(receive: Receive, most_bytes: int) -> None:
-    """Take and drop what still comes, within reason: who sends first reads the answer only then."""
-    while most_bytes > 0:
-        message = await receive()
-        if message["type"] != "http.request" or not message.get("more_body", False):
-            return
-        most_bytes -= len(message.get("body", b""))
+    async def _drain(self) -> None:
+        """Take and drop what still comes, up to twice as much as is allowed."""
+        left = 2 * self._most_bytes
+        while not self.is_whole and left > 0:
+            message = await self._receive()
+            self.is_whole = not message.get("more_body", False)
+            left -= len(message.get("body", b""))
 
 
 def _headers(scope: Scope) -> dict[str, str]:
     return {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+
+
+def _has_body(headers: Mapping[str, str]) -> bool:
+    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
 def _name_of(host: str) -> str:
@@ -349,12 +366,11 @@ def _given(scope: Scope, headers: Mapping[str, str]) -> list[str]:
     kind, _, value = headers.get("authorization", "").partition(" ")
     if kind.lower() == "bearer":
         found.append(value.strip())
-    try:
-        cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        cookie = None
-    if cookie is not None:
-        found.append(cookie.value)
+    # The standard library's reader stops at the first odd cookie, which may be another program's.
+    for part in headers.get("cookie", "").split(";"):
+        name, _, value = part.strip().partition("=")
+        if name == COOKIE:
+            found.append(value)
     if scope["type"] == "http" and scope["method"] == "GET":
         asked = parse_qsl(scope["query_string"].decode("latin-1"))
         found += [value for name, value in asked if name == "token"]

@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 from boxgrasp.config import Config, load_config
-from boxgrasp.errors import BoxgraspError
+from boxgrasp.errors import BoxgraspError, StoreError
 from boxgrasp.labeling.server.openapi import UPLOAD, answers
 from boxgrasp.labeling.server.security import UploadLimits
 from boxgrasp.labeling.server.uploads import RequestError, Settings, Upload, read_upload
@@ -26,6 +26,7 @@ from boxgrasp.strict import plain
 
 _AT_ONCE: Final = 2  # selections that run; each has threads of its own for its kernels
 _IN_HAND: Final = 8  # requests whose bodies are held, running or waiting
+_SENDING_S: Final = 60.0  # that a body may take to come, s: 64 MiB by a slow wireless network
 _PREPARED: Final = 8  # selectors kept; one holds a ranker's models, a few MB
 _log = logging.getLogger("boxgrasp.labeling")
 _Answer = TypeVar("_Answer")
@@ -51,6 +52,25 @@ class Selections:
     def close(self) -> None:
         """Let the threads end; what waits is not begun."""
         self._workers.shutdown(wait=False, cancel_futures=True)
+
+    async def read(self, request: Request, more: tuple[str, ...] = ()) -> Upload:
+        """Take a request's body.
+
+        Args:
+            request: whose body nobody has read.
+            more: as `read_upload`.
+
+        Returns:
+            The upload.
+
+        Raises:
+            RequestError: as `read_upload`, and where the body takes too long to come.
+        """
+        try:
+            return await asyncio.wait_for(read_upload(request, self.limits, more), _SENDING_S)
+        except asyncio.TimeoutError:
+            line = f"the body did not come within {_SENDING_S:.0f} s; valid: the whole of it"
+            raise RequestError(408, line) from None
 
     @contextmanager
     def place(self) -> Iterator[None]:
@@ -153,14 +173,14 @@ def select_router(selections: Selections) -> APIRouter:
     @router.post(
         "/select",
         summary="Choose a grasp for the target of a capture, or ask for help",
-        responses=answers(200, (400, 413, 415, 422, 503)),
+        responses=answers(200, (400, 408, 413, 415, 422, 503)),
         openapi_extra=UPLOAD,
         response_class=Response,
     )
     async def select(request: Request) -> Response:
         async def work() -> Response:
             with selections.place():
-                upload = await read_upload(request, selections.limits)
+                upload = await selections.read(request)
                 selection = await selections.run(lambda: selections.answer(upload))
             return Response(selection.to_json(), media_type="application/json")
 
@@ -186,4 +206,11 @@ async def in_one_line(work: Callable[[], Awaitable[Response]]) -> Response:
         status, line = 400, "the body ended before its length; valid: the whole of it"
     except MemoryError:
         status, line = 413, "too large for the memory there is; valid: a smaller capture"
+    except StoreError as error:  # a full disk; another try may do
+        status, line = 503, str(error)
+    except BoxgraspError as error:
+        status, line = 422, str(error)
+    except Exception as error:
+        _log.exception("a request failed")
+        status, line = 500, f"internal error: {type(error).__name__}; valid: tell who runs this"
     return JSONResponse({"error": " ".join(line.split())}, status)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 import uuid
@@ -24,6 +25,8 @@ from boxgrasp.version import __version__
 LONGEST_NOTE: Final = 2000  # characters
 LONGEST_NAME: Final = 60
 Listener = Callable[[str], None]
+# Numbers of what is shown: no two alike, not even of a server that was started again.
+_serials = itertools.count(time.time_ns() // 1_000_000)
 
 
 class StaleError(BoxgraspError):
@@ -88,7 +91,7 @@ class Session:
         self._desk = desk
         self._lock = threading.RLock()
         self._listeners: list[Listener] = []
-        self._serial = 0
+        self._serial = next(_serials)
         self._shown: Shown | None = None
         self._aside: Shown | None = None  # the turn that waits while an earlier label is corrected
         self._skipped: set[str] = set()
@@ -361,7 +364,7 @@ class Session:
             turn = self._taken_turn()
             if turn is None:
                 self._shown = None
-                self._serial += 1
+                self._serial = next(_serials)
                 self.view.clear()
                 return
             found = self._desk.prepared(turn.scene).result()
@@ -415,7 +418,7 @@ class Session:
 
     def _show(self, shown: Shown) -> None:
         self._shown = shown
-        self._serial += 1
+        self._serial = next(_serials)
         self._revealed = shown.origin in ("assist", "ask")
         self._picked = None
         self.view.show(shown.prepared)

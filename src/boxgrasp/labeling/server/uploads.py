@@ -106,9 +106,9 @@ class Upload:
 
     def _parts(self, size: tuple[int, int]) -> FolderParts:
         told: dict[str, Any] = {}
-        if "depth_scale" in self.texts:
+        if self._has("depth_scale"):
             told["depth_scale"] = _json(self.texts["depth_scale"], "depth_scale")
-        if "T_base_camera" in self.texts:
+        if self._has("T_base_camera"):
             told["T_base_camera"] = pose_of(_json(self.texts["T_base_camera"], "T_base_camera"))
         camera = _camera(_json(self.texts["intrinsics"], "intrinsics"), size)
         images = {
@@ -208,7 +208,8 @@ async def read_upload(request: Request, limits: UploadLimits, more: tuple[str, .
     else:
         raise RequestError(
             415,
-            f"Content-Type is {kind or 'missing'!r:.60}; valid: {_ARCHIVES[0]} (an .npz), "
+            f"Content-Type is {repr(kind)[:60] if kind else 'missing'}; valid: "
+            f"{_ARCHIVES[0]} (an .npz), "
             f"{_MULTIPART}",
         )
     _validate_parts(files, texts)

@@ -55,13 +55,16 @@ async function begin(operator) {
 }
 
 function openView() {
-  const view = at("view");
-  view.onload = () => {
-    const page = view.contentDocument;
-    // Keys work wherever the focus is; the cloud's own controls do without them.
-    page.addEventListener("keydown", (event) => { if (onKey(event)) event.stopImmediatePropagation(); }, true);
-  };
-  view.src = `/view/${state.session}/`;
+  at("view").src = `/view/${state.session}/`;
+  window.focus(); // else keys would go to a page that is not loaded yet
+}
+
+/* Keys work wherever the focus is, in the cloud's page too; its own controls do without them. */
+function hearView() {
+  const page = at("view").contentDocument;
+  if (!page || page.hearsKeys) return;
+  page.hearsKeys = true;
+  page.addEventListener("keydown", (event) => { if (onKey(event)) event.stopImmediatePropagation(); }, true);
 }
 
 function openEvents() {
@@ -466,6 +469,7 @@ function onKey(event) {
 }
 
 document.addEventListener("keydown", onKey);
+setInterval(hearView, 100); // a frame tells of its new page only when all of that is loaded
 at("save").onclick = save;
 at("none").onclick = () => choose({ none: !mine.none });
 at("asks").onclick = () => ACTIONS.a();
