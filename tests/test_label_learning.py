@@ -19,7 +19,7 @@ pytest.importorskip("onnx", reason="extra train")
 pytest.importorskip("onnxruntime", reason="extra svm")
 pytest.importorskip("pyarrow", reason="extra train")
 
-from label_lessons import captures_in, database, opener, said
+from label_lessons import captures_in, database, said
 
 from boxgrasp import GraspSelector
 from boxgrasp.config import Config
@@ -81,7 +81,7 @@ class Crowd:
     def learner(self, folder: Path, **options: Any) -> Learner:
         params = options.pop("params", PARAMS)
         where = options.pop("database", self.database)
-        return Learner(folder, opener(Path(where)), str(self.folder), params=params, **options)
+        return Learner(where, str(self.folder), folder, params=params, **options)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def learned(crowd: Crowd) -> Learned:
     """What is learned, here and not in another process."""
     folder = crowd.folder / "here"
     task = LearningTask(
-        opener(Path(crowd.database)), str(crowd.folder), folder, params=replace(PARAMS, niceness=0)
+        crowd.database, str(crowd.folder), folder, params=replace(PARAMS, niceness=0)
     )
     return learn(task)
 
@@ -268,7 +268,7 @@ def test_a_few_labels_are_learned_from_and_what_they_lack_is_told(
                              *np.flatnonzero(crowd.labels != 16)[:4]]]  # fmt: skip
     labels = [said(crowd.scenes[k], None if crowd.labels[k] == 16 else 5) for k in some]
     path = database(tmp_path, crowd.scenes, labels)
-    task = LearningTask(opener(path), str(crowd.folder), tmp_path / "m",
+    task = LearningTask(str(path), str(crowd.folder), tmp_path / "m",
                         params=replace(PARAMS, niceness=0))  # fmt: skip
     found = learn(task)
     assert found.labels == 7 and found.nones == 3
@@ -282,9 +282,7 @@ def test_a_few_labels_are_learned_from_and_what_they_lack_is_told(
 def test_a_sets_labels_are_mixed_in(crowd: Crowd, tmp_path: Path) -> None:
     path = database(tmp_path, crowd.scenes, [said(crowd.scenes[0], 5)])
     params = replace(PARAMS, niceness=0)
-    task = LearningTask(
-        opener(path), str(crowd.folder), tmp_path / "m", mix=crowd.set, params=params
-    )
+    task = LearningTask(str(path), str(crowd.folder), tmp_path / "m", mix=crowd.set, params=params)
     found = learn(task)
     assert (found.labels, found.mixed) == (1, COUNT)
     assert set(found.operators) == {"anna", "stand-in"}

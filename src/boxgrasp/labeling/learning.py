@@ -17,7 +17,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -31,7 +31,7 @@ from boxgrasp.errors import BoxgraspError, ConfigError, WorkError
 from boxgrasp.execution import Background, Store, Workers, local_workers
 from boxgrasp.grasps.candidates import face_name
 from boxgrasp.labeling.captures import CaptureStore
-from boxgrasp.labeling.lessons import Labels, LessonConfig, Lessons, lessons_of
+from boxgrasp.labeling.lessons import LessonConfig, Lessons, lessons_of
 from boxgrasp.ranking.model_set import SVMS, VERSIONS, help_label
 from boxgrasp.strict import build, plain
 from boxgrasp.teaching.fitting import Held, answers, fit_version
@@ -55,9 +55,6 @@ _UNFINISHED: Final = ".unfinished-"
 _STALE_S: Final = 86400.0  # of what a killed server left; no training takes a day
 _TOLD: Final = "learned.json"
 _log = logging.getLogger("boxgrasp.labeling")
-
-
-OpenLabels = Callable[[], AbstractContextManager[Labels]]
 
 
 @dataclass(frozen=True)
@@ -177,7 +174,7 @@ class LearningTask:
     """All that the process needs, picklable.
 
     Attributes:
-        open_labels: gives the labels.
+        database: of the labels, as `Record.open` takes it.
         captures: place of the captures.
         folder: where the models go, made by the process and renamed by the caller.
         lesson: how labels are made into rows.
@@ -185,7 +182,7 @@ class LearningTask:
         params: how it learns.
     """
 
-    open_labels: OpenLabels
+    database: str
     captures: str
     folder: Path
     lesson: LessonConfig = LessonConfig()
@@ -199,9 +196,9 @@ class Learner:
     Safe from several threads.
 
     Args:
-        folder: on this machine, where models are kept.
-        open_labels: opens the record, picklable: `functools.partial(Record.open, url, False)`.
+        database: of the labels, as `Record.open` takes it.
         captures: place of the captures.
+        folder: on this machine, where models are kept.
         lesson: how labels are made into rows; their lines are those of its configuration, unless
             it says others.
         params: how it learns.
@@ -209,9 +206,9 @@ class Learner:
 
     def __init__(
         self,
-        folder: str | os.PathLike[str],
-        open_labels: OpenLabels,
+        database: str,
         captures: str,
+        folder: str | os.PathLike[str],
         lesson: LessonConfig | None = None,
         params: LearningParams | None = None,
     ) -> None:
@@ -219,7 +216,7 @@ class Learner:
         lesson = LessonConfig() if lesson is None else lesson
         lines = lesson.config.candidates.lines if lesson.lines is None else lesson.lines
         self._task = LearningTask(
-            open_labels, captures, self.folder, replace(lesson, lines=lines), None,
+            database, captures, self.folder, replace(lesson, lines=lines), None,
             params or LearningParams(),
         )  # fmt: skip
         self._lock = threading.RLock()
@@ -466,9 +463,11 @@ class _Telling:
 
 
 def _lessons(task: LearningTask, progress: _Progress) -> Lessons:
+    from boxgrasp.labeling.record import Record  # SQLAlchemy, in the process alone
+
     mix = None if task.mix is None else read_set(Store(task.mix))
     captures = CaptureStore(Store(task.captures))
-    with local_workers(1) as workers, task.open_labels() as labels:
+    with local_workers(1) as workers, Record.open(task.database, create=False) as labels:
         telling = _Telling(workers, progress)
         return lessons_of(labels, captures, telling, task.lesson, mix=mix, title="")
 
