@@ -165,11 +165,11 @@ function ready() { return mine.none || mine.wrong || mine.label !== null; }
 
 let asked = 0;
 function tellChoice(face, label) {
-  const number = ++asked;
+  const number = ++asked, serial = state.serial;
   // The last one wins: while keys come quickly, those between are not worth showing.
   setTimeout(() => {
-    if (number !== asked || !state || !state.shown) return;
-    ask("/api/choose", { session: state.session, face, label }).catch((error) => {
+    if (number !== asked || !state || state.serial !== serial) return;
+    ask("/api/choose", { session: state.session, serial, face, label }).catch((error) => {
       if (error.status === 0 || error.status === 404) comeBack();
     });
   }, 0);
