@@ -278,6 +278,7 @@ function renderAsks() {
 
 function renderProposal(proposal) {
   show("proposal", proposal !== null);
+  document.body.classList.toggle("speaks", proposal !== null);
   if (!proposal) return;
   const [head, body] = at("proposal").children;
   head.textContent = proposal.status === "grasp" ? `The robot proposes: ${proposal.headline}` : `The robot asks: ${proposal.headline}`;
