@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pwd
 import shutil
 import signal
 import socket
@@ -13,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -27,6 +27,7 @@ class PostgresServer:
         self._folder, self._port, self._run_as = folder, port, run_as
         self._process: subprocess.Popen[bytes] | None = None
         self._made = 0
+        self._emptied: str | None = None
 
     def start(self) -> None:
         binary = _BINARIES[-1].parent / "postgres"
@@ -53,18 +54,31 @@ class PostgresServer:
         self._process.wait(timeout=30)
 
     def new_database(self) -> str:
-        """The URL of a new, empty database."""
+        """The URL of a new, empty database: 7 MB and 300 files."""
+        self._made += 1
+        self._run("postgres", f"CREATE DATABASE labels{self._made}")
+        return self._url(f"labels{self._made}")
+
+    def emptied_database(self) -> str:
+        """The URL of one database, without what the last who had it left there."""
+        if self._emptied is None:
+            self._emptied = self.new_database()
+        self._run(self._emptied.rpartition("/")[2], "DROP SCHEMA public CASCADE")
+        self._run(self._emptied.rpartition("/")[2], "CREATE SCHEMA public")
+        return self._emptied
+
+    def _url(self, name: str) -> str:
+        return f"postgresql+pg8000://{USER}@127.0.0.1:{self._port}/{name}"
+
+    def _run(self, database: str, words: str) -> None:
         import pg8000.dbapi
 
-        self._made += 1
-        name = f"labels{self._made}"
         connection = pg8000.dbapi.connect(
-            USER, host="127.0.0.1", port=self._port, database="postgres"
+            USER, host="127.0.0.1", port=self._port, database=database
         )
         connection.autocommit = True
-        connection.cursor().execute(f"CREATE DATABASE {name}")
+        connection.cursor().execute(words)
         connection.close()
-        return f"postgresql+pg8000://{USER}@127.0.0.1:{self._port}/{name}"
 
 
 def why_not() -> str | None:
@@ -105,7 +119,9 @@ def running_postgres() -> Iterator[PostgresServer]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _other_user() -> pwd.struct_passwd | None:
+def _other_user() -> Any:
+    import pwd  # Windows has none, and no server here
+
     for name in ("postgres", "nobody"):
         try:
             return pwd.getpwnam(name)

@@ -31,6 +31,7 @@ LEAST = {
         "--processes",
         "1",
     ],
+    "label_record": ["--scenes", "40", "--rounds", "3"],
     "labelled_captures": ["--most", "2", "--scenes"],
     "ugly_scenes": ["--scenes", "2"],
     "local_map": ["--rounds", "1"],
@@ -71,6 +72,11 @@ def test_every_benchmark_has_a_least_size() -> None:
     assert scripts == set(LEAST)
     told = (FOLDER / "README.md").read_text("utf-8")
     assert all(f"`{name}.py`" in told for name in scripts)
+
+
+def test_label_record_tells_every_time() -> None:
+    pytest.importorskip("sqlalchemy", reason="the record needs the extra `label`")
+    assert len(re.findall(r"(?:next_turn|save|progress) +[\d.]+ ms", printed("label_record"))) == 6
 
 
 def test_captures_answers_twice_alike(captures_dir: Path) -> None:

@@ -225,7 +225,13 @@ def test_a_cancelled_learning_leaves_nothing_and_another_can_start(
     learner.cancel()
 
 
-@pytest.mark.parametrize("fault", ["few", "one answer", "no database", "killed", "no set"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        *("few", "one answer", "no database", "no set"),
+        pytest.param("killed", marks=pytest.mark.skipif(os.name == "nt", reason="SIGKILL")),
+    ],
+)
 def test_a_learning_that_fails_says_so_in_a_line(crowd: Crowd, tmp_path: Path, fault: str) -> None:
     some = crowd.scenes[:6]
     labels = {"few": [said(some[0], 5)], "one answer": [said(scene, 5) for scene in some]}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -114,6 +117,8 @@ def test_session(browser: Any, source: Path, tmp_path: Path) -> None:
         ada.press("Enter")
         ada.shown(before)
         said[wrong] = ("box_wrong", None)
+        _label_the_rest(ada, said)
+        _learn(ada)
         assert ada.faults == []
         ada.close()
     with Record.open(str(database)) as record:
@@ -122,6 +127,34 @@ def test_session(browser: Any, source: Path, tmp_path: Path) -> None:
         assert pixel is not None
         notes = [row.note for row in record.history(key)]
         assert "<b>tall</b> & round" in notes
+
+
+def _label_the_rest(ada: Labeling, said: dict[str, tuple[str, int | None]]) -> None:
+    for k in range(20):
+        if ada.state["shown"] is None:
+            break
+        said[ada.save("4", "2") if k % 2 else ada.save("0")] = (
+            ("candidate", 11) if k % 2 else ("none", None)
+        )
+    assert "Everything is labeled" in ada.page.inner_text("#empty")
+
+
+def _learn(ada: Labeling) -> None:
+    """Learns from the labels, sees the curve, and lets the new models propose, and the old ones."""
+    ada.press("l")
+    ada.page.click("#learn-now")
+    ada.page.wait_for_selector("#learn-box[data-state=done]", timeout=120_000)
+    ada.shot(SHOTS, "learned")
+    assert ada.page.locator("#curve polyline").count() == 4
+    assert "agrees with you" in ada.page.inner_text("#learn-table")
+    models = ada.page.locator("#models input")
+    assert models.count() == 2
+    usable = not models.nth(1).is_disabled()
+    if usable:
+        models.nth(1).check()
+        ada.page.wait_for_function("() => state.model.endsWith(' 1')", polling=50)
+    models.nth(0).check()
+    ada.page.wait_for_function("() => !/ [0-9]/.test(state.model)", polling=50)
 
 
 def _click_line(ada: Labeling, scene: LabelScene, captures: Path) -> int:
@@ -151,3 +184,61 @@ def _click_line(ada: Labeling, scene: LabelScene, captures: Path) -> int:
     )
     ada.page.wait_for_function("() => mine.label !== null")
     return int(facing.label)
+
+
+def test_the_robot_asks(browser: Any, source: Path, tmp_path: Path) -> None:
+    """A robot that finds nothing asks on the page, and takes what the person chooses."""
+    database = tmp_path / "labels.sqlite"
+    config = tmp_path / "careful.yaml"
+    config.write_text("checks: {visible_clearance_m: 0.45}\n")
+    common = ("--config", str(config))
+    words = (str(source / REAL[1]), "--database", str(database), "--again-share", "0", *common)
+    with Server(*words, command="assist") as server:
+        bo = Labeling(browser, server.url, "Bo")
+        assert "The robot asks" in bo.page.inner_text("#proposal")  # nothing passes such checks
+        asked = [sys.executable, "-m", "boxgrasp", "select", str(source / SIMULATED[0]), *common]
+        robot = subprocess.Popen(
+            [*asked, "--json", "--assist", server.url.rstrip("/"), "--assist-seconds", "60"],
+            stdout=subprocess.PIPE,
+        )
+        bo.page.wait_for_selector("#asks:not([hidden])", timeout=60_000)
+        aside, before = bo.scene_key, bo.serial
+        bo.press("a")
+        bo.shown(before)
+        bo.press("4", "2")
+        bo.page.wait_for_selector("#failed:not([hidden])")
+        overridden = bo.page.inner_text("#failed")
+        bo.shot(SHOTS, "asked")
+        before = bo.serial
+        bo.press("Enter")
+        bo.shown(before)
+        assert bo.scene_key == aside  # the scene that waited
+        answer = json.loads(robot.communicate(timeout=60)[0])
+        assert bo.faults == []
+        bo.close()
+    assert (answer["status"], answer["ranker"]) == ("grasp", "person")
+    assert answer["grasp"]["label"] == 11
+    failed = [c for c in answer["candidates"][10]["checks"].items() if not c[1]["passed"]]
+    assert failed and "visible clearance" in overridden
+    with Record.open(str(database)) as record:
+        (label,) = record.standing()
+    assert (label.origin, label.label, label.operator) == ("ask", 11, "Bo")
+    assert {item["check"] for item in label.overridden} == {name for name, _ in failed}
+
+
+def test_assist(browser: Any, source: Path, tmp_path: Path) -> None:
+    """The robot proposes; the operator confirms, and takes another one."""
+    database = tmp_path / "labels.sqlite"
+    words = (str(source / REAL[0]), "--database", str(database), "--again-share", "0")
+    with Server(*words, command="assist") as server:
+        bo = Labeling(browser, server.url, "Bo")
+        proposed = bo.state["shown"]["proposal"]["label"]
+        assert proposed == bo.page.evaluate("mine.label")
+        assert "The robot proposes" in bo.page.inner_text("#proposal")
+        bo.shot(SHOTS, "proposed")
+        bo.save()
+        bo.close()
+    with Record.open(str(database)) as record:
+        (label,) = record.standing()
+    assert (label.origin, label.label, label.proposed) == ("assist", proposed, proposed)
+    assert label.overridden == ()

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -51,7 +52,7 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "sqlite":
         return str(tmp_path / "labels.db")
     started: PostgresServer = request.getfixturevalue("server")
-    return started.new_database()
+    return started.emptied_database()
 
 
 @pytest.fixture
@@ -93,15 +94,48 @@ def test_the_migrations_make_the_tables(record: Record) -> None:
         assert compare_metadata(context, METADATA) == []
 
 
+def test_sqlite_is_set_to_lose_nothing(kept: Record) -> None:
+    found = {}
+    with kept._database.reads() as opened:
+        for name in ("journal_mode", "synchronous", "foreign_keys"):
+            found[name] = opened.exec_driver_sql(f"PRAGMA {name}").scalar_one()
+    assert found == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1}
+
+
 def test_several_open_a_new_database_at_once(url: str) -> None:
-    code = "import sys; from boxgrasp.labeling.record import Record; Record.open(sys.argv[1])"
+    code = "import sys; from boxgrasp.labeling.record import Record; print('ready', flush=True); "
+    code += "sys.stdin.readline(); Record.open(sys.argv[1])"
     started = [
-        subprocess.Popen([sys.executable, "-c", code, url], stderr=subprocess.PIPE)
+        subprocess.Popen(
+            [sys.executable, "-c", code, url],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
         for _ in range(2)
-    ]
+    ]  # fmt: skip
+    assert [said_by(process) for process in started] == ["ready"] * 2
     for process in started:
-        assert process.communicate()[1] == b""
+        go(process)
+    for process in started:
+        assert process.communicate()[1] == ""
         assert process.returncode == 0
+
+
+def test_a_new_database_that_another_one_makes_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite waits for a writer, but not when it is to begin a write-ahead log."""
+    path = str(tmp_path / "labels.db")
+    holder = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    holder.execute("BEGIN IMMEDIATE")
+    with monkeypatch.context() as changed:
+        changed.setattr(connection, "BUSY_S", 0.05)
+        with pytest.raises(StoreError, match="locked; valid:"):
+            Record.open(path)
+    release = threading.Timer(0.2, holder.execute, ["ROLLBACK"])
+    release.start()
+    Record.open(path).close()
+    release.join()
+    holder.close()
 
 
 def test_threads_open_a_new_database_at_once(url: str) -> None:

@@ -15,6 +15,7 @@ from tiny_models import record_of, rows, schema_of, trained
 
 from boxgrasp import GraspSelector, Selection
 from boxgrasp.draw import selection_png
+from boxgrasp.draw.words import facts_of
 from boxgrasp.errors import BoxgraspError, ConfigError, ModelError
 from boxgrasp.ranking.model_set import SVMS, ModelSet, SampledScenes, help_label
 from boxgrasp.ranking.ranker import Ranker, RankerSetup, Ranking, RankingContext, ranker_named
@@ -96,6 +97,8 @@ def test_pictures_and_words_do_not_call_what_passes_rejected() -> None:
     (told,) = [line for line in candidates_table(found).splitlines() if "not taken" in line]
     assert told.split()[0] == str(found.refusal.nearest_label)
     assert selection_png(capture, found).startswith(b"\x89PNG")
+    facts = dict(facts_of(found))
+    assert "Best" in facts and not {"Nearest", "Rejected"} & set(facts)
 
 
 def test_a_ranker_of_before_asks_nothing_and_an_odd_one_is_refused(usual: Selection) -> None:

@@ -147,8 +147,9 @@ def _taught_by_people(args: argparse.Namespace, workers: Workers) -> Taught:
     lesson = LessonConfig(load_config(args.config), args.lines)
     with Record.open(args.set, create=False) as record:
         found = lessons_of(record, CaptureStore(Store(place)), workers, lesson, mix=mix)
-    people = ", ".join(found.operators)
-    print(f"{found.labels} labels of {found.scenes} scenes by {people}")
+    mixed = found.taught.rows.count - found.labels
+    more = f" and {mixed} of a set" if mixed else ""
+    print(f"{found.labels} labels of {found.scenes} scenes{more} by {', '.join(found.operators)}")
     for note in found.notes:
         complain(note)
     return found.taught

@@ -179,6 +179,8 @@ class _Picture:
             canvas.text_beside(at, f"target {size} cm", lettering, away=60, must=True)
         at = None if self.hand is None else view.point(self.hand.T_base_gripper[:3, 3])
         if at is not None:
-            words = "gripper" if self.selection.grasp is not None else "nearest, rejected"
+            shown = self.selection.shown
+            asked = "the best, not taken" if shown and shown.passed else "nearest, rejected"
+            words = "gripper" if self.selection.grasp is not None else asked
             lettering = Lettering(17, WHITE, halo=self.color)
             canvas.text_beside(at, words, lettering, away=44, must=True)

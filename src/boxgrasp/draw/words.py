@@ -76,7 +76,8 @@ def facts_of(selection: Selection) -> list[tuple[str, str]]:
     shown, grasp = selection.shown, selection.grasp
     if shown is not None:
         said = f"candidate {shown.label}, {shown.name}"
-        rows.append(("Nearest" if grasp is None else "Grasp", said))
+        asked = "Best" if shown.passed else "Nearest"
+        rows.append((asked if grasp is None else "Grasp", said))
         rows += [("Rejected", item.sentence) for item in shown.rejections]
         opening = spelled(selection.gripper.fingers_open_m, "m")
         width = spelled(shown.width_m, "m")

@@ -174,7 +174,7 @@ class LearningTask:
     """All that the process needs, picklable.
 
     Attributes:
-        database: of the labels.
+        database: of the labels, as `Record.open` takes it.
         captures: place of the captures.
         folder: where the models go, made by the process and renamed by the caller.
         lesson: how labels are made into rows.
@@ -199,7 +199,8 @@ class Learner:
         database: of the labels, as `Record.open` takes it.
         captures: place of the captures.
         folder: on this machine, where models are kept.
-        lesson: how labels are made into rows.
+        lesson: how labels are made into rows; their lines are those of its configuration, unless
+            it says others.
         params: how it learns.
     """
 
@@ -212,8 +213,10 @@ class Learner:
         params: LearningParams | None = None,
     ) -> None:
         self.folder = Path(folder)
+        lesson = LessonConfig() if lesson is None else lesson
+        lines = lesson.config.candidates.lines if lesson.lines is None else lesson.lines
         self._task = LearningTask(
-            database, captures, self.folder, lesson or LessonConfig(), None,
+            database, captures, self.folder, replace(lesson, lines=lines), None,
             params or LearningParams(),
         )  # fmt: skip
         self._lock = threading.RLock()
@@ -460,10 +463,10 @@ class _Telling:
 
 
 def _lessons(task: LearningTask, progress: _Progress) -> Lessons:
-    mix = None if task.mix is None else read_set(Store(task.mix))
-    captures = CaptureStore(Store(task.captures))
     from boxgrasp.labeling.record import Record  # SQLAlchemy, in the process alone
 
+    mix = None if task.mix is None else read_set(Store(task.mix))
+    captures = CaptureStore(Store(task.captures))
     with local_workers(1) as workers, Record.open(task.database, create=False) as labels:
         telling = _Telling(workers, progress)
         return lessons_of(labels, captures, telling, task.lesson, mix=mix, title="")

@@ -196,8 +196,8 @@ def insert_all(
     for k in range(0, len(rows), BATCH):
         some = list(rows[k : k + BATCH])
         if on_sqlite:
-            light = sqlite.insert(table)
-            connection.execute(light.on_conflict_do_nothing() if skip_known else light, some)
+            plain = sqlite.insert(table)
+            connection.execute(plain.on_conflict_do_nothing() if skip_known else plain, some)
             continue
         insert = postgresql.insert(table)
         # With an answer, SQLAlchemy sends many rows at once; without, pg8000 one by one.

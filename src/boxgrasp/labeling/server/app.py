@@ -40,6 +40,7 @@ class _Of(_Words):
 
 
 class _Choose(_Of):
+    serial: int
     face: int | None = None
     label: int | None = None
 
@@ -268,7 +269,7 @@ def _look_router(sessions: Sessions) -> APIRouter:
     @router.post("/choose")
     def choose(words: _Choose) -> dict[str, Any]:
         session = sessions.get(words.session)
-        session.choose(words.face, words.label)
+        session.choose_in(words.serial, words.face, words.label)
         return session.choice()
 
     @router.post("/reveal")

@@ -94,8 +94,10 @@ class Desk:
         GraspSelector(self._config).warm_up()
 
     def close(self) -> None:
-        """Stop preparing."""
+        """Stop preparing and learning."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+        if self.learner is not None:
+            self.learner.cancel()
 
     def number_of(self, key: str) -> int | None:
         """A scene's number in the source.

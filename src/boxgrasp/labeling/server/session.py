@@ -349,8 +349,12 @@ class Session:
     def _put_aside(self) -> None:
         """Keep the turn that is shown for later, where it is one that has no label yet."""
         shown = self._shown
-        if self._aside is None and shown is not None and shown.standing is None:
-            self._aside = None if shown.turn.scene.key in self._trail else shown
+        if shown is None or shown.standing is not None or shown.turn.scene.key in self._trail:
+            return
+        if self._aside is None:
+            self._aside = shown
+        elif self._aside.turn.scene.key != shown.turn.scene.key:  # one that was jumped to
+            self._desk.record.release(shown.turn.scene.key, self.operator)
 
     # What is shown.
 
@@ -447,6 +451,18 @@ class Session:
         return selection.candidate(selection.grasp.label)
 
     # What is clicked.
+
+    def choose_in(self, serial: int, face: int | None, label: int | None) -> None:
+        """The same, of the scene that the page shows; too late, it means nothing.
+
+        Args:
+            serial: of what the page shows.
+            face: as `choose`.
+            label: as `choose`.
+        """
+        with self._lock:
+            if serial == self._serial:
+                self.choose(face, label)
 
     def choose(self, face: int | None, label: int | None) -> None:
         """Show a face's lines, or the hand at a candidate.

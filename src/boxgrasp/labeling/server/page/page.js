@@ -165,11 +165,11 @@ function ready() { return mine.none || mine.wrong || mine.label !== null; }
 
 let asked = 0;
 function tellChoice(face, label) {
-  const number = ++asked;
+  const number = ++asked, serial = state.serial;
   // The last one wins: while keys come quickly, those between are not worth showing.
   setTimeout(() => {
-    if (number !== asked || !state || !state.shown) return;
-    ask("/api/choose", { session: state.session, face, label }).catch((error) => {
+    if (number !== asked || !state || state.serial !== serial) return;
+    ask("/api/choose", { session: state.session, serial, face, label }).catch((error) => {
       if (error.status === 0 || error.status === 404) comeBack();
     });
   }, 0);
@@ -278,6 +278,7 @@ function renderAsks() {
 
 function renderProposal(proposal) {
   show("proposal", proposal !== null);
+  document.body.classList.toggle("speaks", proposal !== null);
   if (!proposal) return;
   const [head, body] = at("proposal").children;
   head.textContent = proposal.status === "grasp" ? `The robot proposes: ${proposal.headline}` : `The robot asks: ${proposal.headline}`;
