@@ -35,7 +35,7 @@ def said_of(scene: LabelScene, captures: CaptureStore) -> OperatorLabel:
     loaded = load_scene(scene, captures)
     answer = selector.select(loaded.capture, loaded.target)
     grasp = answer.grasp
-    taken = grasp.label if grasp and grasp.clearance_m >= 0.04 else None
+    taken = grasp.label if grasp and (grasp.clearance_m or 0.0) >= 0.04 else None
     return OperatorLabel(
         id=str(uuid.uuid4()),
         scene_key=scene.key,
