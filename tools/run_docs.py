@@ -49,7 +49,12 @@ LACKING = (
 # What is not run, and why. In a bare environment the README's `INSTALL` is; with --long, `LONG`.
 INSTALL = r"python3 -m venv |pip install \.$"
 LONG = r"boxgrasp (simulate|train|evaluate)\b|boxgrasp select .*--models models"
+SERVED = (
+    r"boxgrasp (label|assist|labels)\b|boxgrasp select .*--assist|boxgrasp train --labels|"
+    r"curl |ssh -N |\(umask 077; "
+)
 NOT_RUN = {
+    SERVED: "needs a page that is served, a person's labels, or a token; tests have them",
     INSTALL: "the README's own installation is there",
     r"boxgrasp (reproduce|train segmentation)\b": "takes an hour and more; tests run it small",
     LONG: "takes minutes; tests run it small",

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object a line a capture")
     parser.add_argument("--picture", metavar="OUT.png", help="draw what was chosen and why")
     group = parser.add_argument_group("help by a person")
-    group.add_argument("--assist", metavar="URL", help="where to ask, as http://127.0.0.1:8080")
+    group.add_argument("--assist", metavar="URL", help="where to ask, as http://127.0.0.1:8765")
     group.add_argument(
         "--assist-seconds",
         type=float,
