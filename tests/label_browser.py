@@ -83,7 +83,8 @@ class Server:
             if told:
                 self.url, self.port = told[1], int(told[2])
                 # What follows is read too, or a full pipe would hold the server up.
-                threading.Thread(target=self.lines.extend, args=(process.stdout,)).start()
+                self._reader = threading.Thread(target=self.lines.extend, args=(process.stdout,))
+                self._reader.start()
                 return
         raise AssertionError("".join(self.lines))
 
@@ -96,7 +97,9 @@ class Server:
         if self._process is None or self._process.poll() is not None:
             return 0
         self._process.send_signal(signal.SIGINT)
-        return self._process.wait(20)
+        status = self._process.wait(20)
+        self._reader.join()
+        return status
 
 
 class Labeling:

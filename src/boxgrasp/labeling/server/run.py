@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import uvicorn
@@ -19,6 +20,7 @@ from boxgrasp.labeling.server.openapi import publish_schemas
 from boxgrasp.labeling.server.security import QUIET, Access, Guard, UploadLimits
 from boxgrasp.labeling.server.select_api import Selections, select_router
 
+_LAST_PORT = 65535
 _GRACE_S = 2  # that open connections get when the server is stopped
 
 
@@ -71,15 +73,32 @@ def serve(
         # In a thread of its own: a browser in a terminal would hold the server up.
         threading.Thread(target=webbrowser.open, args=(access.url(port),), daemon=True).start()
     try:
-        with contextlib.closing(held):
+        with contextlib.closing(held), _stopped_by_signals():
             server.run(sockets=[held])
     finally:
         selections.close()
         desk.close()
 
 
+@contextlib.contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """Within, Ctrl-C and SIGTERM end what is served, as its end and not as a fault."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:  # uvicorn raises the signal again when it has ended
+        pass
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _listen(host: str, port: int) -> socket.socket:
     """A socket that listens, refused in one line where the address is taken or not ours."""
+    if not 0 <= port <= _LAST_PORT:  # else it would be taken modulo 65536
+        raise StoreError(f"--port is {port}; valid: 0 to {_LAST_PORT}, 0 for any that is free")
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
