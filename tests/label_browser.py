@@ -154,23 +154,31 @@ class Labeling:
 
         Keys that came while the page waited for a lost server are given again, as people do.
         """
+        self.settled()
         key, before = self.scene_key, self.serial
         while True:
             self.press(*keys, "Enter")
-            try:
+            with contextlib.suppress(self._timed_out):
                 self.page.wait_for_function(
                     "before => document.body.dataset.serial !== String(before)",
                     arg=before,
                     timeout=PATIENCE_MS,
                     polling=POLLING_MS,
                 )
-            except self._timed_out:
-                before = self.serial
-                self.press("Escape", "Escape")
+            self.settled()
             shown = self.state["shown"]
             if shown is None or shown["scene_key"] != key:
                 return key
             before = self.serial  # the same scene still, or by a server that was started again
+            self.press("Escape", "Escape")
+
+    def settled(self) -> None:
+        """Waits until nothing is under way: no lost server, no label that is not confirmed."""
+        self.page.wait_for_function(
+            "() => state && !busy && !returning && localStorage.getItem(PENDING) === null",
+            polling=POLLING_MS,
+            timeout=120_000,
+        )
 
     def shot(self, folder: Path | None, name: str) -> None:
         if folder is not None:

@@ -18,15 +18,16 @@ function blank() { return { face: null, label: null, none: false, wrong: false, 
 
 /* Asks the server. A refusal is an Error with its status; a lost server has status 0. */
 async function ask(path, body) {
-  let answer;
+  let answer, said = null;
   try {
     answer = await fetch(path, body === undefined ? { cache: "no-store" } : {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+    const text = await answer.text(); // which a server that is killed may cut off
+    if (answer.ok) said = JSON.parse(text);
+    else try { said = JSON.parse(text); } catch (error) { said = null; }
   } catch (error) {
     throw Object.assign(new Error("the server cannot be reached"), { status: 0 });
   }
-  let said = null;
-  try { said = await answer.json(); } catch (error) { said = null; }
   if (!answer.ok) {
     const words = said && typeof said.error === "string" ? said.error : `the server answered ${answer.status}`;
     throw Object.assign(new Error(words), { status: answer.status });
