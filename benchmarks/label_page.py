@@ -1,4 +1,4 @@
-"""The labelling page under a scripted operator: `python benchmarks/label_page.py [SCENES]`.
+"""The labeling page under a scripted operator: `python benchmarks/label_page.py [SCENES]`.
 
 A real Chromium, driven by Playwright, labels scenes that are drawn on the fly, 640 x 480 pixels and
 50,000 points each, through the page's own keys. Told are: from the key that saves until the page's
@@ -29,7 +29,6 @@ from label_browser import Labeling, Server, chromium
 
 LOOKS_S = 1.5  # at each scene; people took 4 s and more
 WARM_UP = 50  # scenes
-LATENCIES = 60  # scenes
 CLOUD_BYTES = 500_000  # a message as large is the cloud
 # Both moments are of the page's own clock: Playwright's way to it is not counted.
 WATCH = """
@@ -74,12 +73,12 @@ class ViewListener:
         return found[0] - moment
 
 
-def latencies(page: Labeling, url: str) -> None:
+def latencies(page: Labeling, url: str, scenes: int) -> None:
     """From saving to the next scene, of an operator who looks at each."""
     listener = ViewListener(url, page.state["session"])
     time.sleep(3)
     shown, came = [], []
-    for _ in range(LATENCIES):
+    for _ in range(scenes):
         time.sleep(LOOKS_S)
         page.press("2", "2")
         time.sleep(0.2)
@@ -131,14 +130,15 @@ def main() -> None:
     """Label, and tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int, nargs="?", default=800)
+    parser.add_argument("--timed", type=int, default=60, help="scenes that are timed (default: 60)")
     parser.add_argument("--draw", action="store_true", help="let a software renderer draw")
     args = parser.parse_args()
-    count = args.scenes + LATENCIES + 10
+    count = args.scenes + args.timed + 10
     with tempfile.TemporaryDirectory() as folder:
         words = ("simulate", "--count", str(count), "--database", f"{folder}/labels.sqlite")
         with Server(*words, "--again-share", "0") as server, chromium(drawing=args.draw) as browser:
             page = Labeling(browser, server.url, "Ada")
-            latencies(page, server.url)
+            latencies(page, server.url, args.timed)
             memory(page, server, args.scenes)
 
 

@@ -1,4 +1,4 @@
-"""A labelling server as a user starts it, and the page in a real Chromium."""
+"""A labeling server as a user starts it, and the page in a real Chromium."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import label_browser
 import numpy as np
 import pytest
 
@@ -31,6 +32,8 @@ LEAST = {
         "--processes",
         "1",
     ],
+    "label_agreement": [],
+    "label_page": ["2", "--timed", "2"],
     "label_record": ["--scenes", "40", "--rounds", "3"],
     "labelled_captures": ["--most", "2", "--scenes"],
     "ugly_scenes": ["--scenes", "2"],
@@ -77,6 +80,39 @@ def test_every_benchmark_has_a_least_size() -> None:
 def test_label_record_tells_every_time() -> None:
     pytest.importorskip("sqlalchemy", reason="the record needs the extra `label`")
     assert len(re.findall(r"(?:next_turn|save|progress) +[\d.]+ ms", printed("label_record"))) == 6
+
+
+def test_label_page_tells_time_and_memory() -> None:
+    pytest.importorskip("fastapi", reason="the page needs the extra `label`")
+    pytest.importorskip("playwright", reason="Playwright is not installed")
+    label_browser.chromium_path()
+    out = printed("label_page")
+    assert len(re.findall(r"median \d+ ms", out)) == 2
+    assert re.search(r"2 scenes: server \d+ MB", out)
+
+
+def test_label_agreement_counts(tmp_path: Path) -> None:
+    """Two labels, what `clearance` takes and a question that it does not ask."""
+    pytest.importorskip("sqlalchemy", reason="the record needs the extra `label`")
+    from label_lessons import captures_in, database, said
+
+    from boxgrasp import GraspSelector
+    from boxgrasp.labeling.lessons import scene_config
+    from boxgrasp.labeling.sources import DrawnSource, load_scene
+    from boxgrasp.simulate.scenario import Recipe, targets_of
+    from boxgrasp.teaching.rows import RowConfig
+    from boxgrasp.teaching.sets import SetConfig
+
+    scenes = DrawnSource(SetConfig(RowConfig(Recipe(targets_of("known")), 1), 2)).scenes()
+    loaded = load_scene(scenes[0], captures_in(tmp_path))
+    selector = GraspSelector(scene_config(scenes[0], GraspSelector().config))
+    grasp = selector.select(loaded.capture, loaded.target).grasp
+    assert grasp is not None
+    labels = [said(scenes[0], grasp.label), said(scenes[1], None)]
+    out = printed("label_agreement", str(database(tmp_path, scenes, labels)), str(tmp_path))
+    assert "2 labels, 1 none; the commonest 1" in out
+    (line,) = (row for row in out.splitlines() if row.startswith("clearance"))
+    assert line.split()[-2:] == ["1", "2"]
 
 
 def test_captures_answers_twice_alike(captures_dir: Path) -> None:

@@ -1,4 +1,4 @@
-"""What goes wrong round the labelling page costs one clear line or notice, and no label."""
+"""What goes wrong round the labeling page costs one clear line or notice, and no label."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from boxgrasp.labeling.record import Record
 
 OPERATORS = ("Ada", "Bo")
 # How many scenes, and how often the server is killed meanwhile: here, and of the slow run.
-SMALL = (24, 2)
+SMALL = (12, 1)
 LARGE = (1000, 20)
 
 

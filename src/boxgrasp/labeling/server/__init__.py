@@ -1,1 +1,1 @@
-"""The labelling page and the HTTP interface, one ASGI app."""
+"""The labeling page and the HTTP interface, one ASGI app."""

@@ -95,6 +95,7 @@ class Session:
         self._shown: Shown | None = None
         self._aside: Shown | None = None  # the turn that waits while an earlier label is corrected
         self._skipped: set[str] = set()
+        self._passed_asks: set[str] = set()
         self._notice = ""
         self._revealed = False
         self._choice: tuple[int | None, int | None] = (None, None)
@@ -235,8 +236,11 @@ class Session:
         with self._lock:
             if self._shown is None:
                 return
-            if self._aside is None and self._shown.ask is None:
+            if self._shown.ask is not None:
+                self._passed_asks.add(self._shown.ask.id)
+            elif self._aside is None:
                 self._skipped.add(self._shown.turn.scene.key)
+            if self._shown.ask is not None or self._aside is None:
                 self._desk.record.release(self._shown.turn.scene.key, self.operator)
             self._notice = ""
             self._go_on()
@@ -332,15 +336,16 @@ class Session:
         Returns:
             Their number.
         """
-        count = len(self._desk.record.open_asks(now()))
-        if count and self._shown is None:
+        waiting = self._desk.record.open_asks(now())
+        if self._shown is None and any(ask.id not in self._passed_asks for ask in waiting):
             self.answer_ask()
             self.tell("state")
-        return count
+        return len(waiting)
 
     def answer_ask(self) -> None:
-        """Show the oldest question of the robot that nobody has."""
+        """Show the oldest question of the robot that nobody has, a skipped one too."""
         with self._lock:
+            self._passed_asks.clear()
             shown = self._next_ask()
             if shown is not None:
                 self._put_aside()
@@ -411,6 +416,8 @@ class Session:
     def _next_ask(self) -> Shown | None:
         record = self._desk.record
         for ask in record.open_asks(now()):
+            if ask.id in self._passed_asks:
+                continue
             if not record.hold(ask.scene_key, self.operator, self._desk.rules.turns, now()):
                 continue
             scene = record.scene(ask.scene_key)

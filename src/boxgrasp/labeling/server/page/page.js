@@ -1,5 +1,5 @@
 "use strict";
-/* The labelling page: shows what the server says, and says what the operator chooses. */
+/* The labeling page: shows what the server says, and says what the operator chooses. */
 
 const FACES = [["Left", ""], ["Front", ""], ["Right", ""], ["Top", "fingers left, right"], ["Top", "fingers near, far"]];
 const FACE_WORDS = ["left", "front", "right", "top, fingers left and right", "top, fingers near and far"];
