@@ -7,7 +7,8 @@ WebSocket of the same view), with an operator who looks for LOOKS_S at each; the
 server and of the page over SCENES scenes labeled as fast as they come (default: 800).
 
 The browser draws nothing here, since a software renderer's time says nothing of a tablet's: with
---draw it does. Needs the extra `label`, Playwright and a Chromium.
+--draw it does. The page's memory is told with --draw alone: viser's client keeps what it is sent
+until it has drawn it. Needs the extra `label`, Playwright and a Chromium.
 """
 
 from __future__ import annotations
@@ -93,20 +94,18 @@ def latencies(page: Labeling, url: str, scenes: int) -> None:
         print(f"{what}: median {middle:.0f} ms (5 to 95 %: {low:.0f} to {high:.0f})", flush=True)
 
 
-def memory(page: Labeling, server: Server, scenes: int) -> None:
+def memory(page: Labeling, server: Server, scenes: int, *, drawn: bool) -> None:
     """Of the server and of the page, over scenes labeled as fast as they come."""
-    start = None
+    start: dict[str, float] = {}
     for done in range(1, scenes + 1):
         page.save("2", "2")
         if done in (WARM_UP, scenes) or done % 100 == 0:
-            rss, heap = resident_mb(server.pid), page_mb(page)
-            start = start or (rss, heap)
-            server_more, page_more = rss / start[0] - 1, heap / start[1] - 1
-            print(
-                f"{done} scenes: server {rss:.0f} MB ({100 * server_more:+.0f} %), "
-                f"page {heap:.1f} MB ({100 * page_more:+.0f} %)",
-                flush=True,
-            )
+            held = {"server": resident_mb(server.pid), **({"page": page_mb(page)} if drawn else {})}
+            start = start or held
+            told = [
+                f"{k} {mb:.0f} MB ({100 * (mb / start[k] - 1):+.0f} %)" for k, mb in held.items()
+            ]
+            print(f"{done} scenes: {', '.join(told)}", flush=True)
 
 
 def resident_mb(pid: int) -> float:
@@ -139,7 +138,7 @@ def main() -> None:
         with Server(*words, "--again-share", "0") as server, chromium(drawing=args.draw) as browser:
             page = Labeling(browser, server.url, "Ada")
             latencies(page, server.url, args.timed)
-            memory(page, server, args.scenes)
+            memory(page, server, args.scenes, drawn=args.draw)
 
 
 if __name__ == "__main__":
