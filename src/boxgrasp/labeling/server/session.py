@@ -112,11 +112,18 @@ class Session:
         """Give the scenes back and stop the view."""
         with self._lock:
             self._pool.shutdown(wait=True)
-            ahead = None if self._ahead is None else self._ahead.result()
-            for turn in (*(s.turn for s in (self._shown, self._aside) if s is not None), ahead):
-                if turn is not None:
+            try:
+                for turn in self._held():
                     self._desk.record.release(turn.scene.key, self.operator)
+            except BoxgraspError:
+                pass  # they are given to others when their time is over
             self.view.close()
+
+    def _held(self) -> list[Turn]:
+        """The scenes that nobody else is given: shown, put aside, and next."""
+        ahead = self._ahead.result() if self._ahead is not None and self._ahead.done() else None
+        shown = [item.turn for item in (self._shown, self._aside) if item is not None]
+        return shown if ahead is None else [*shown, ahead]
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Be told when something changes that the page did not ask for.
@@ -142,9 +149,8 @@ class Session:
     def keep(self) -> None:
         """Say that the operator is still there, so that nobody else is given the scene."""
         with self._lock:
-            for shown in (self._shown, self._aside):
-                if shown is not None:
-                    self._desk.record.renew(shown.turn.scene.key, self.operator, now())
+            for turn in self._held():
+                self._desk.record.renew(turn.scene.key, self.operator, now())
 
     # What the operator says.
 
@@ -166,11 +172,12 @@ class Session:
                 raise StaleError("that scene is not shown any more; valid: the one shown")
             if said.label_id != shown.label_id and self._is_kept(said):
                 return
-            label = self._label_of(said, shown)
-            self._desk.record.save(label)
-            self._saved.append(label.id)
-            if label.scene_key not in self._trail:
-                self._trail.append(label.scene_key)
+            if not self._is_kept(said):  # else what came after it failed, and is tried again
+                self._desk.record.save(self._label_of(said, shown))
+            if said.label_id not in self._saved:
+                self._saved.append(said.label_id)
+            if said.scene_key not in self._trail:
+                self._trail.append(said.scene_key)
             self._notice = ""
             self._go_on()
 
@@ -390,9 +397,11 @@ class Session:
     def _taken_turn(self) -> Turn | None:
         ahead, self._ahead = self._ahead, None
         turn = None if ahead is None else ahead.result()
-        if turn is None or turn.scene.key in self._skipped:
-            turn = self._desk.next_turn(self.operator, self._skipped)
-        return turn
+        if turn is not None and turn.scene.key not in self._skipped:
+            # Who looked for longer than a scene is kept may have lost the next one to others.
+            if self._desk.record.renew(turn.scene.key, self.operator, now()):
+                return turn
+        return self._desk.next_turn(self.operator, self._skipped)
 
     def _forget_ahead(self) -> None:
         if self._ahead is not None:

@@ -30,6 +30,7 @@ class Sessions:
         self._lock = threading.Lock()
         self._by_operator: dict[str, Session] = {}
         self._seen: dict[str, float] = {}
+        self._beginning: dict[str, threading.Lock] = {}
 
     def of(self, operator: str) -> Session:
         """The session of an operator, begun where there is none.
@@ -48,15 +49,20 @@ class Sessions:
             raise BoxgraspError(
                 f"operator's name has {len(name)} characters; valid: 1 to {LONGEST_NAME} printable"
             )
+        self._drop_gone()
         with self._lock:
-            self._drop_gone()
-            session = self._by_operator.get(name)
-            if session is None:
-                if len(self._by_operator) >= _MOST:
+            beginning = self._beginning.setdefault(name, threading.Lock())
+        # Beginning prepares a scene, which nobody but this operator waits for.
+        with beginning:
+            with self._lock:
+                session = self._by_operator.get(name)
+                if session is None and len(self._by_operator) >= _MOST:
                     raise BoxgraspError(f"{_MOST} operators are at the page; valid: fewer")
-                session = self._by_operator[name] = Session(self.desk, name)
-            self._seen[name] = time.monotonic()
-            return session
+            session = session or Session(self.desk, name)
+            with self._lock:
+                self._by_operator[name] = session
+                self._seen[name] = time.monotonic()
+        return session
 
     def get(self, id: str) -> Session:
         """A session by its id.
@@ -94,6 +100,10 @@ class Sessions:
             self._by_operator.clear()
 
     def _drop_gone(self) -> None:
-        for name in [n for n, at in self._seen.items() if time.monotonic() - at > _GONE_S]:
-            self._by_operator.pop(name).close()
-            del self._seen[name]
+        with self._lock:
+            names = [n for n, at in self._seen.items() if time.monotonic() - at > _GONE_S]
+            gone = [self._by_operator.pop(name) for name in names]
+            for name in names:
+                del self._seen[name]
+        for session in gone:
+            session.close()
