@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import socket
 import sqlite3
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from label_browser import Labeling, Server, chromium
 from test_label_kills import captures
 from test_label_record import small_disk
 
+from boxgrasp.cli import main
 from boxgrasp.labeling.record import Record
 
 TOKEN = "a-token-of-this-very-test"
@@ -31,15 +31,12 @@ def browser() -> Iterator[Any]:
 
 def refused(*words: str) -> str:
     """What a command that cannot start says: one line, and exit status 2."""
-    done = subprocess.run(
-        [sys.executable, "-m", "boxgrasp", "label", *words, "--no-browser"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    lines = [line for line in done.stderr.splitlines() if line.startswith("boxgrasp: ")]
-    assert done.returncode == 2, done.stderr
-    assert len(lines) == 1 and "Traceback" not in done.stderr, done.stderr
+    err = io.StringIO()
+    with redirect_stderr(err), redirect_stdout(io.StringIO()):
+        status = main(["label", *words, "--no-browser"])
+    lines = [line for line in err.getvalue().splitlines() if line.startswith("boxgrasp: ")]
+    assert status == 2, err.getvalue()
+    assert len(lines) == 1 and "Traceback" not in err.getvalue(), err.getvalue()
     assert "valid:" in lines[0]
     return lines[0]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -39,6 +39,7 @@ PERSON = "person"  # its ranker, where the person took a candidate
 PERSON_OVERRODE_CHECKS = "person_overrode_checks"  # a warning: that candidate failed some
 NOBODY_ANSWERED = "nobody_answered"  # a warning: the time ran out
 JSON_SCHEMA_PATH = Path(__file__).with_name("result.schema.json")
+_FARTHEST_PREGRASP_M: Final = 10.0  # no arm reaches as far
 
 
 @dataclass(frozen=True)
@@ -314,9 +315,14 @@ class Selection:
             check that the candidate fails.
 
         Raises:
-            BoxgraspError: there is no such candidate.
+            BoxgraspError: there is no such candidate, or an argument of another type.
         """
         chosen = self.candidate(label)
+        require(pregrasp_distance_m, (int, float), "pregrasp_distance_m", "meters")
+        if not 0 <= pregrasp_distance_m <= _FARTHEST_PREGRASP_M:
+            said = shown(pregrasp_distance_m)
+            raise BoxgraspError(f"pregrasp_distance_m is {said}; valid: 0 to 10 m")
+        require(by, str, "by", "who chose it")
         failed = [name for name, said in chosen.checks.items() if not said.passed]
         warnings = self.warnings
         if failed:

@@ -238,6 +238,8 @@ class CaptureSource:
         except StoreError:
             raise
         except BoxgraspError as error:
+            if path == self.path:  # the one that was asked for
+                raise ConfigError(str(error)) from None
             _pass_over("no_capture", path, str(error))
             return []
         return [
