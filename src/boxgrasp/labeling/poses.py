@@ -18,9 +18,8 @@ from boxgrasp.geometry.transforms import validate_transform
 from boxgrasp.io.pose import gripper_pose
 from boxgrasp.labeling.captures import CaptureStore
 from boxgrasp.labeling.record import Record
-from boxgrasp.labeling.server.prepared import overridden
 from boxgrasp.labeling.sources import load_scene, source_at
-from boxgrasp.labeling.words import LabelScene, OperatorLabel
+from boxgrasp.labeling.words import LabelScene, OperatorLabel, overridden
 from boxgrasp.result import Candidate, Selection
 from boxgrasp.selector import GraspSelector
 from boxgrasp.strict import plain

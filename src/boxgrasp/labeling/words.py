@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal, get_args
 
+from boxgrasp.result import Candidate
+
 SceneKind = Literal["capture", "scenario"]
 Verdict = Literal["candidate", "none", "box_wrong", "withdrawn"]
 Origin = Literal["page", "assist", "ask", "pose", "import"]
@@ -183,3 +185,19 @@ class Ask:
     expires_at: datetime
     asker: str
     selection: str
+
+
+def overridden(candidate: Candidate) -> tuple[dict[str, Any], ...]:
+    """The checks that an operator overrides by taking a candidate.
+
+    Args:
+        candidate: that is taken.
+
+    Returns:
+        Name, value, limit and unit of each check that it failed.
+    """
+    return tuple(
+        {"check": name, "value": said.value, "limit": said.limit, "unit": said.unit}
+        for name, said in candidate.checks.items()
+        if not said.passed
+    )

@@ -297,7 +297,10 @@ class Record:
         return self.save(labels.withdrawal(old, new_id, now))
 
     def standing(
-        self, source: str | None = None, operator: str | None = None
+        self,
+        source: str | None = None,
+        operator: str | None = None,
+        scene_key: str | None = None,
     ) -> list[OperatorLabel]:
         """Labels that are neither superseded nor withdrawn.
 
@@ -306,6 +309,7 @@ class Record:
         Args:
             source: only of its scenes.
             operator: only these.
+            scene_key: only of this scene.
 
         Returns:
             The oldest first.
@@ -314,7 +318,7 @@ class Record:
             StoreError: the database cannot be read.
         """
         with self._database.reads() as connection:
-            return labels.standing(connection, source, operator)
+            return labels.standing(connection, source, operator, scene_key)
 
     def find(self, id: str) -> OperatorLabel | None:
         """A label by its id, whether it stands or not.

@@ -239,7 +239,10 @@ def withdrawal(old: OperatorLabel, new_id: str, now: datetime) -> OperatorLabel:
 
 
 def standing(
-    connection: sa.Connection, source: str | None = None, operator: str | None = None
+    connection: sa.Connection,
+    source: str | None = None,
+    operator: str | None = None,
+    scene_key: str | None = None,
 ) -> list[OperatorLabel]:
     """Labels that are neither superseded nor withdrawn.
 
@@ -247,6 +250,7 @@ def standing(
         connection: to the database.
         source: only of its scenes.
         operator: only these.
+        scene_key: only of this scene.
 
     Returns:
         The oldest first.
@@ -256,6 +260,8 @@ def standing(
         query = query.where(LABELS.c.scene_key.in_(_keys_of(source)))
     if operator is not None:
         query = query.where(LABELS.c.operator == operator)
+    if scene_key is not None:
+        query = query.where(LABELS.c.scene_key == scene_key)
     return _ordered(connection, query)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -216,50 +216,35 @@ def _label_router(sessions: Sessions) -> APIRouter:
 def _step_router(sessions: Sessions) -> APIRouter:
     """From one scene to another."""
     router = APIRouter(prefix="/api", include_in_schema=False)
-
-    @router.post("/skip")
-    def skip(words: _Of) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.skip()
-        return session.state()
-
-    @router.post("/skipped")
-    def skipped(words: _Of) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.return_to_skipped()
-        return session.state()
-
-    @router.post("/undo")
-    def undo(words: _Of) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.undo()
-        return session.state()
-
-    @router.post("/back")
-    def back(words: _Of) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.back(-1)
-        return session.state()
-
-    @router.post("/forward")
-    def forward(words: _Of) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.back(1)
-        return session.state()
+    steps: dict[str, Callable[[Session], None]] = {
+        "skip": Session.skip,
+        "skipped": Session.return_to_skipped,
+        "undo": Session.undo,
+        "back": lambda session: session.back(-1),
+        "forward": lambda session: session.back(1),
+        "ask": Session.answer_ask,
+    }
+    for name, step in steps.items():
+        router.add_api_route(f"/{name}", _stepping(sessions, step), methods=["POST"])
 
     @router.post("/jump")
     def jump(words: _Jump) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.jump(words.number)
-        return session.state()
-
-    @router.post("/ask")
-    def ask(words: _Of) -> dict[str, Any]:
-        session = sessions.get(words.session)
-        session.answer_ask()
-        return session.state()
+        return _stepping(sessions, lambda session: session.jump(words.number))(words)
 
     return router
+
+
+def _stepping(
+    sessions: Sessions, step: Callable[[Session], None]
+) -> Callable[[_Of], dict[str, Any]]:
+    """A route that takes a step, and answers with the state after it."""
+
+    def take(words: _Of) -> dict[str, Any]:
+        session = sessions.get(words.session)
+        step(session)
+        return session.state()
+
+    return take
 
 
 def _look_router(sessions: Sessions) -> APIRouter:

@@ -82,12 +82,13 @@ class Desk:
         self.scenes = tuple(record.scenes(source))
         self._numbers = {scene.key: k for k, scene in enumerate(self.scenes, start=1)}
         self._config = config
-        self._selectors: dict[tuple[str, str, int, str], GraspSelector] = {}
+        self._selectors: dict[tuple[str, str, int], GraspSelector] = {}
         self._prepared: OrderedDict[str, Future[PreparedScene | Unshowable]] = OrderedDict()
         self._lock = threading.Lock()
         # One thread: two preparations side by side would make both late, and one is awaited.
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="prepare")
         self._proposing = config if learner is None else learner.config_with(config)
+        self._number = None if learner is None else learner.active
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first scene is as quick as the next."""
@@ -118,9 +119,8 @@ class Desk:
     @property
     def model(self) -> str:
         """What proposes: the ranker's name, and the number of its models where they are learned."""
-        number = None if self.learner is None else self.learner.active
         ranker = self._proposing.ranker
-        return ranker if number is None else f"{ranker} {number}"
+        return ranker if self._number is None else f"{ranker} {self._number}"
 
     def propose_with(self, number: int | None) -> None:
         """Let models that were learned here propose from now on, or the user's own ranker again.
@@ -142,7 +142,7 @@ class Desk:
             self.learner.activate(before)
             raise
         with self._lock:
-            self._proposing = config
+            self._proposing, self._number = config, number
             self._selectors.clear()
             self._prepared.clear()
 
@@ -158,7 +158,7 @@ class Desk:
         Raises:
             BoxgraspError: the ranker's models are for another number of lines.
         """
-        key = (scene.kind, scene.box_kind, scene.lines, self.model)
+        key = (scene.kind, scene.box_kind, scene.lines)
         with self._lock:
             if key not in self._selectors:
                 self._selectors[key] = GraspSelector(self._config_of(scene))

@@ -14,6 +14,7 @@ from boxgrasp.draw.canvas import Canvas
 from boxgrasp.draw.clouds import Cloud, base_cloud, shades
 from boxgrasp.draw.files import encoded
 from boxgrasp.draw.marks import draw_box
+from boxgrasp.draw.words import visible_clearance
 from boxgrasp.geometry.transforms import invert, transform
 from boxgrasp.grasps.scoring import category
 from boxgrasp.labeling.words import LabelScene
@@ -162,7 +163,7 @@ def told(candidate: Candidate) -> dict[str, Any]:
         Plain values: category, clearance to visible obstacles in meters, whether it passed, and
         the sentence of each check that it failed.
     """
-    near = candidate.checks.get("visible_clearance")
+    near = visible_clearance(candidate)
     return {
         "label": candidate.label,
         "category": None if near is None else category(near.value),
@@ -170,19 +171,3 @@ def told(candidate: Candidate) -> dict[str, Any]:
         "passed": candidate.passed,
         "failed": [item.sentence for item in candidate.rejections],
     }
-
-
-def overridden(candidate: Candidate) -> tuple[dict[str, Any], ...]:
-    """The checks that an operator overrides by taking a candidate.
-
-    Args:
-        candidate: that is taken.
-
-    Returns:
-        Name, value, limit and unit of each check that it failed.
-    """
-    return tuple(
-        {"check": name, "value": said.value, "limit": said.limit, "unit": said.unit}
-        for name, said in candidate.checks.items()
-        if not said.passed
-    )

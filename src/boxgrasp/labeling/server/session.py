@@ -15,9 +15,9 @@ from boxgrasp.arrays import Floats
 from boxgrasp.errors import BoxgraspError
 from boxgrasp.grasps.candidates import FACES, line_name
 from boxgrasp.labeling.server.desk import Desk, Unshowable, now
-from boxgrasp.labeling.server.prepared import PreparedScene, overridden, told
+from boxgrasp.labeling.server.prepared import PreparedScene, told
 from boxgrasp.labeling.server.view import OperatorView
-from boxgrasp.labeling.words import Ask, OperatorLabel, Origin, Turn, Verdict
+from boxgrasp.labeling.words import Ask, OperatorLabel, Origin, Turn, Verdict, overridden
 from boxgrasp.result import Candidate
 from boxgrasp.strict import plain
 from boxgrasp.version import __version__
@@ -165,14 +165,14 @@ class Session:
             BoxgraspError: no such candidate, or the record cannot be written.
         """
         with self._lock:
-            shown = self._shown
+            shown, kept = self._shown, self._is_kept(said)
             if shown is None or said.scene_key != shown.turn.scene.key:
-                if self._is_kept(said):
+                if kept:
                     return
                 raise StaleError("that scene is not shown any more; valid: the one shown")
-            if said.label_id != shown.label_id and self._is_kept(said):
+            if kept and said.label_id != shown.label_id:
                 return
-            if not self._is_kept(said):  # else what came after it failed, and is tried again
+            if not kept:  # else what came after it failed, and is tried again
                 self._desk.record.save(self._label_of(said, shown))
             if said.label_id not in self._saved:
                 self._saved.append(said.label_id)
@@ -183,8 +183,8 @@ class Session:
 
     def _is_kept(self, said: Said) -> bool:
         """Whether a label whose answer the page never got is in the record already."""
-        rows = self._desk.record.history(said.scene_key)
-        return any(row.id == said.label_id and row.operator == self.operator for row in rows)
+        row = self._desk.record.find(said.label_id)
+        return row is not None and (row.scene_key, row.operator) == (said.scene_key, self.operator)
 
     def _label_of(self, said: Said, shown: Shown) -> OperatorLabel:
         selection, scene = shown.prepared.selection, shown.turn.scene
@@ -225,9 +225,7 @@ class Session:
 
     def _standing(self, key: str) -> OperatorLabel | None:
         """The operator's own last label of a scene that stands."""
-        rows = [row for row in self._desk.record.history(key) if row.operator == self.operator]
-        gone = {row.supersedes for row in rows}
-        rows = [row for row in rows if row.id not in gone and row.verdict != "withdrawn"]
+        rows = self._desk.record.standing(operator=self.operator, scene_key=key)
         return rows[-1] if rows else None
 
     def _go_on(self) -> None:
@@ -257,7 +255,6 @@ class Session:
         with self._lock:
             self._skipped.clear()
             if self._shown is None:
-                self._forget_ahead()
                 self._advance()
                 self.tell("state")
 
@@ -402,11 +399,6 @@ class Session:
             if self._desk.record.renew(turn.scene.key, self.operator, now()):
                 return turn
         return self._desk.next_turn(self.operator, self._skipped)
-
-    def _forget_ahead(self) -> None:
-        if self._ahead is not None:
-            self._ahead.result()
-            self._ahead = None
 
     def _new(self, prepared: PreparedScene, turn: Turn) -> Shown:
         origin: Origin = "assist" if self._desk.rules.mode == "assist" else "page"
