@@ -29,6 +29,12 @@ def browser() -> Iterator[Any]:
         yield found
 
 
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a command writes where it is started lies in a folder of the test."""
+    monkeypatch.chdir(tmp_path)
+
+
 def refused(*words: str) -> str:
     """What a command that cannot start says: one line, and exit status 2."""
     err = io.StringIO()
@@ -76,7 +82,9 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         assert server.stop() == 0
         assert "every label that was saved is in the record" in "".join(server.lines)
     for words in (("--host", "no such host"), ("--again-share", "2"), ("--port", "70000")):
-        assert words[0].strip("-") in refused(source, *words)
+        assert words[0].strip("-") in refused(
+            source, "--database", str(tmp_path / "refused.sqlite"), *words
+        )
 
 
 def test_a_full_disk_and_a_lost_browser(browser: Any, tmp_path: Path) -> None:
