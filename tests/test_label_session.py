@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import uuid
 from collections.abc import Iterator
 from datetime import timedelta
@@ -13,6 +14,7 @@ import pytest
 pytest.importorskip("viser", reason="extra label")
 pytest.importorskip("fastapi", reason="extra label")
 
+import httpx
 from test_label_kills import captures
 
 from boxgrasp.config import Config
@@ -21,6 +23,9 @@ from boxgrasp.execution import Store
 from boxgrasp.labeling.captures import CaptureStore
 from boxgrasp.labeling.record import Record
 from boxgrasp.labeling.server.desk import Desk, DeskRules, now
+from boxgrasp.labeling.server.run import Listening, serve
+from boxgrasp.labeling.server.security import Access
+from boxgrasp.labeling.server.select_api import Selections
 from boxgrasp.labeling.server.session import Said, Session, StaleError
 from boxgrasp.labeling.server.sessions import Sessions, UnknownSessionError
 from boxgrasp.labeling.sources import source_at
@@ -181,3 +186,19 @@ def test_jumping_gives_back_what_it_leaves(desk: Desk, ada: Session) -> None:
         ada.jump(6)
     ada.save(said(ada))
     assert ada.state()["shown"]["scene_key"] == first
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_server_stopped_as_soon_as_its_address_is_told_ends_well(
+    desk: Desk, number: signal.Signals
+) -> None:
+    def stop(url: str) -> None:
+        told.append(url)
+        signal.raise_signal(number)
+
+    told: list[str] = []
+    listening = Listening(Access("127.0.0.1", None, True), 0, open_browser=False)
+    serve(desk, Selections(), listening, stop)
+    assert len(told) == 1
+    with pytest.raises(httpx.ConnectError):
+        httpx.get(told[0])

@@ -66,14 +66,17 @@ def serve(
     )
     port = int(held.getsockname()[1])
 
-    # The socket takes connections from here on; they are answered a moment later.
-    ready(access.url(port, with_token=access.is_made))
-    # A browser's address stands in the list of processes: with a token it is not opened from here.
-    if listening.open_browser and access.token is None:
-        # In a thread of its own: a browser in a terminal would hold the server up.
-        threading.Thread(target=webbrowser.open, args=(access.url(port),), daemon=True).start()
     try:
+        # The address is told within: whoever reads it may stop the server at once.
         with contextlib.closing(held), _stopped_by_signals():
+            # The socket takes connections from here on; they are answered a moment later.
+            ready(access.url(port, with_token=access.is_made))
+            # An address stands in the list of processes: with a token no browser is opened here.
+            if listening.open_browser and access.token is None:
+                # In a thread of its own: a browser in a terminal would hold the server up.
+                threading.Thread(
+                    target=webbrowser.open, args=(access.url(port),), daemon=True
+                ).start()
             server.run(sockets=[held])
     finally:
         selections.close()
