@@ -18,6 +18,7 @@ import pytest
 
 _BINARIES = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
 USER = "boxgrasp"
+LOCKED = "locked"  # the user who needs a password
 
 
 class PostgresServer:
@@ -67,6 +68,14 @@ class PostgresServer:
         self._run(self._emptied.rpartition("/")[2], "CREATE SCHEMA public")
         return self._emptied
 
+    def locked_database(self, password: str) -> str:
+        """The URL of a new database whose owner needs a password, without it."""
+        url = self.new_database()
+        name = url.rpartition("/")[2]
+        self._run("postgres", f"CREATE USER {LOCKED} PASSWORD '{password}'")
+        self._run("postgres", f"ALTER DATABASE {name} OWNER TO {LOCKED}")
+        return url.replace(f"{USER}@", f"{LOCKED}@")
+
     def _url(self, name: str) -> str:
         return f"postgresql+pg8000://{USER}@127.0.0.1:{self._port}/{name}"
 
@@ -109,6 +118,8 @@ def running_postgres() -> Iterator[PostgresServer]:
     init += ["--no-sync", "--encoding=UTF8", "--locale=C"]
     try:
         subprocess.run([*run_as, *init], check=True, capture_output=True)
+        rules = folder / "data" / "pg_hba.conf"  # the first that fits counts
+        rules.write_text(f"host all {LOCKED} samehost scram-sha-256\n" + rules.read_text())
         server = PostgresServer(folder, _free_port(), run_as)
         server.start()
         try:

@@ -221,6 +221,19 @@ def test_a_server_that_does_not_answer_is_told_without_the_password() -> None:
     assert "s3cr3t" not in str(error.value)
 
 
+def test_a_password_is_taken_from_the_environment(
+    server: PostgresServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = server.locked_database("s3cr3t")
+    monkeypatch.setenv("PGPASSWORD", "wr0ng")
+    with pytest.raises(StoreError, match="password authentication failed") as error:
+        Record.open(url)
+    assert "wr0ng" not in one_line(error)
+    monkeypatch.setenv("PGPASSWORD", "s3cr3t")
+    with Record.open(url) as record:
+        assert "s3cr3t" not in record.name
+
+
 def test_a_database_that_is_not_there_is_told(server: PostgresServer) -> None:
     url = server.new_database()
     with pytest.raises(StoreError, match='database "labels1nowhere" does not exist'):

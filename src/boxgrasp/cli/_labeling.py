@@ -68,7 +68,8 @@ def add_record(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("record")
     group.add_argument(
         "--database", metavar="URL", default=_DATABASE,
-        help=f"SQLite file, or postgresql+pg8000://... (default: {_DATABASE})",
+        help="SQLite file, or postgresql+pg8000://USER@HOST/DATABASE with the password in "
+        f"PGPASSWORD (default: {_DATABASE})",
     )  # fmt: skip
     group.add_argument(
         "--captures", metavar="PLACE",

@@ -61,7 +61,8 @@ class Record:
         """Open a database of labels, and bring its schema up to date.
 
         Args:
-            url: a path, `sqlite:///PATH` or `postgresql+pg8000://USER@HOST/DATABASE`.
+            url: a path, `sqlite:///PATH` or `postgresql+pg8000://USER@HOST/DATABASE`, the password
+                in it or in the environment's `PGPASSWORD`.
             create: whether to make it where nothing is.
 
         Returns:
