@@ -29,3 +29,9 @@ def labeled_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no labeled captures in {folder} (set BOXGRASP_LABELED)")
     return folder
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, or one process would wait for the other at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import uuid
 from datetime import datetime, timedelta, timezone
@@ -43,21 +44,27 @@ def label(scene_key: str, operator: str = "ann", at: float = 0.0, **changes: Any
     return OperatorLabel(scene_key=scene_key, operator=operator, **(fields | changes))
 
 
-def work(url: str, operator: str, rules: TurnRules = TurnRules()) -> None:  # noqa: B008
-    """Label until nothing is left; a line each label, once it is kept."""
+def work(url: str, operator: str, most: int) -> None:
+    """Label until nothing is left, or so many; a line each label, once it is kept."""
     with Record.open(url) as record:
-        while turn := record.next_turn(SOURCE, operator, rules, datetime.now(timezone.utc)):
+        for _ in range(most):
+            turn = record.next_turn(SOURCE, operator, TurnRules(), datetime.now(timezone.utc))
+            if turn is None:
+                print("done", flush=True)
+                return
             made = label(turn.scene.key, operator, labeled_at=datetime.now(timezone.utc))
             record.save(made)
             print(f"kept {made.id} {made.scene_key}", flush=True)
-    print("done", flush=True)
+        print("rests", flush=True)
+        signal.pause()  # with the record open, until it is killed
 
 
 if __name__ == "__main__":  # starts a worker at every line that it reads: importing takes a second
-    for _ in sys.stdin:
+    print("ready", flush=True)
+    for line in sys.stdin:
         child = os.fork()
         if child == 0:
-            work(*sys.argv[1:3])
+            work(*sys.argv[1:3], int(line))
             os._exit(0)
         print(f"started {child}", flush=True)
         os.waitpid(child, 0)

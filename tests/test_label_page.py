@@ -42,6 +42,7 @@ def source(captures_dir: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_session(browser: Any, source: Path, tmp_path: Path) -> None:
     database = tmp_path / "labels.sqlite"
     said: dict[str, tuple[str, int | None]] = {}
@@ -142,6 +143,7 @@ def _learn(ada: Labeling) -> None:
     ada.page.wait_for_function("() => !/ [0-9]/.test(state.model)", polling=50)
 
 
+@pytest.mark.slow
 def test_the_robot_asks(browser: Any, source: Path, tmp_path: Path) -> None:
     """A robot that finds nothing asks on the page, and takes what the person chooses."""
     database = tmp_path / "labels.sqlite"
