@@ -295,7 +295,7 @@ def test_labelled_captures_asks_for_every_object(labeled_dir: Path) -> None:
 
 
 def test_ugly_scenes_asks_with_and_without_what_is_held() -> None:
-    out = printed("ugly_scenes", "--grasps")
+    out = printed("ugly_scenes", "--grasps", "--scenes", "1")
     assert {"surface", "box", "unheld"} <= {line.split()[0] for line in out.splitlines()}
 
 
