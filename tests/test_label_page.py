@@ -129,7 +129,7 @@ def _learn(ada: Labeling) -> None:
     """Learns from the labels, sees the curve, and lets the new models propose, and the old ones."""
     ada.press("l")
     ada.page.click("#learn-now")
-    ada.page.wait_for_selector("#learn-box[data-state=done]", timeout=120_000)
+    ada.page.wait_for_selector("#learn-box[data-state=done]", timeout=300_000)
     ada.shot(SHOTS, "learned")
     assert ada.page.locator("#curve polyline").count() == 4
     assert "agrees with you" in ada.page.inner_text("#learn-table")
