@@ -28,6 +28,7 @@ from cluster import cluster
 
 import boxgrasp.study.study as study
 import boxgrasp.teaching.sets as sets
+import boxgrasp.teaching.train as train
 from boxgrasp import __version__, load_capture
 from boxgrasp.cli import main
 from boxgrasp.execution import Store
@@ -108,6 +109,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, too, `--small` is the tiny scale."""
     monkeypatch.setattr(study, "SMALL", tiny_study.TINY)
     monkeypatch.setattr(sets, "PART_ROWS", tiny_study.PART_ROWS)
+    monkeypatch.setattr(train, "SEARCH", tiny_study.SEARCH)
     monkeypatch.setattr("boxgrasp.execution._dask._REACH_S", 1)
 
 

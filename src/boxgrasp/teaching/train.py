@@ -269,7 +269,7 @@ def train_svm(
 Task = tuple[dict[str, Array], Svm, Provenance, int, SearchParams]
 
 
-def training_task(taught: Taught, svm: Svm, seed: int, params: SearchParams = SEARCH) -> Task:
+def training_task(taught: Taught, svm: Svm, seed: int, params: SearchParams) -> Task:
     """The task of training one of the eight.
 
     Args:
@@ -348,7 +348,10 @@ def train_svms(
     if seed < 0:
         raise ConfigError(f"seed is {seed}; valid: 0 or more")
     claim(store, f"{prefix}training/", "made.json", {**taught.made, "seed": seed}, "models")
-    tasks = {f"{prefix}training/{svm.name}.json": training_task(taught, svm, seed) for svm in SVMS}
+    tasks = {
+        f"{prefix}training/{svm.name}.json": training_task(taught, svm, seed, SEARCH)
+        for svm in SVMS
+    }
     finish(store, tasks, trained_json, workers, "train")
     kept = []
     for svm in SVMS:
