@@ -31,7 +31,13 @@ def labeled_dir() -> Path:
     return folder
 
 
+_FORKS = "test_concurrency.py"
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests come first, or one process would wait for the other at the end."""
+    """The file that forks comes first, before another one leaves threads that a fork loses.
+
+    Then those with slow tests, or one process would wait for the other at the end.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path.name != _FORKS, item.path not in slow))

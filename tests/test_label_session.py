@@ -72,23 +72,57 @@ def test_a_label_said_twice_is_kept_once(desk: Desk, ada: Session) -> None:
         ada.save(Said(str(uuid.uuid4()), first.scene_key, "none"))
 
 
+def failing(*_: Any) -> None:
+    raise StoreError("the disk is full; valid: free space")
+
+
 def test_a_label_is_kept_once_where_what_follows_fails(
     desk: Desk, ada: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = said(ada)
-
-    def failing(*_: Any) -> None:
-        raise StoreError("the disk is full; valid: free space")
-
     with monkeypatch.context() as broken:
         broken.setattr(ada, "_taken_turn", failing)
-        with pytest.raises(StoreError):
-            ada.save(first)
-    ada.save(first)
+        ada.save(first)
+        state = ada.state()
+        assert "Saved" in state["notice"] and "the disk is full" in state["notice"]
+        assert state["shown"]["standing"]["label"] == 5
+        ada.save(first)  # its answer was lost on the way
+        ada.save(said(ada))
+        assert ada.state()["shown"]["scene_key"] == first.scene_key
+    ada.save(said(ada))
+    assert ada.state()["notice"] == "" and ada.state()["shown"]["scene_key"] != first.scene_key
     assert standing(desk) == [(first.scene_key, 5)]
     assert len(desk.record.history(first.scene_key)) == 1
     ada.undo()
     assert standing(desk) == [] and ada.state()["shown"]["scene_key"] == first.scene_key
+
+
+def test_another_answer_where_what_follows_failed_is_a_correction(
+    desk: Desk, ada: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = said(ada)
+    with monkeypatch.context() as broken:
+        broken.setattr(ada, "_taken_turn", failing)
+        ada.save(first)
+    ada.save(said(ada, 8))
+    assert standing(desk) == [(first.scene_key, 8)]
+    assert [row.label for row in desk.record.history(first.scene_key)] == [5, 8]
+    assert ada.state()["shown"]["scene_key"] != first.scene_key
+
+
+def test_a_look_ahead_that_failed_is_asked_anew(
+    desk: Desk, ada: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead = ada._ahead
+    assert ahead is not None and ahead.result() is not None
+    with monkeypatch.context() as broken:
+        broken.setattr(desk, "next_turn", failing)
+        ada._ahead = ada._pool.submit(ada._look_ahead, set())
+        assert isinstance(ada._ahead.exception(), StoreError)
+        ada.keep()
+    first = said(ada)
+    ada.save(first)
+    assert ada.state()["notice"] == "" and ada.state()["shown"]["scene_key"] != first.scene_key
 
 
 def test_a_choice_of_the_scene_before_means_nothing(ada: Session) -> None:
@@ -116,6 +150,10 @@ def test_corrections_and_undoing_them_leave_every_row(desk: Desk, ada: Session) 
     rows = desk.record.history(first.scene_key)
     assert [row.label for row in rows] == [5, 8, 5]
     assert rows[1].supersedes == rows[0].id and rows[2].supersedes == rows[1].id
+    assert ada.state()["shown"]["standing"]["label"] == 5
+    ada.save(said(ada, 5))  # the same again is no correction
+    assert desk.record.history(first.scene_key) == rows
+    assert ada.state()["shown"]["scene_key"] == waiting
 
 
 def test_two_operators_never_have_one_scene(desk: Desk) -> None:

@@ -8,6 +8,7 @@ import time
 import uuid
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -25,6 +26,7 @@ from boxgrasp.version import __version__
 LONGEST_NOTE: Final = 2000  # characters
 LONGEST_NAME: Final = 60
 Listener = Callable[[str], None]
+_SAID: Final = ("verdict", "label", "note", "pixel")  # what of a label is the operator's answer
 # Numbers of what is shown: no two alike, not even of a server that was started again.
 _serials = itertools.count(time.time_ns() // 1_000_000)
 
@@ -121,9 +123,11 @@ class Session:
 
     def _held(self) -> list[Turn]:
         """The scenes that nobody else is given: shown, put aside, and next."""
-        ahead = self._ahead.result() if self._ahead is not None and self._ahead.done() else None
-        shown = [item.turn for item in (self._shown, self._aside) if item is not None]
-        return shown if ahead is None else [*shown, ahead]
+        held = [item.turn for item in (self._shown, self._aside) if item is not None]
+        if self._ahead is not None and self._ahead.done() and self._ahead.exception() is None:
+            ahead = self._ahead.result()
+            held += [] if ahead is None else [ahead]
+        return held
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Be told when something changes that the page did not ask for.
@@ -157,6 +161,9 @@ class Session:
     def save(self, said: Said) -> None:
         """Keep a label, then show the next scene; the label is in the record before this returns.
 
+        Where the next scene cannot be shown, this one stays with a notice; what is said of it then
+        corrects the label, and the same again adds no row.
+
         Args:
             said: what the page says.
 
@@ -165,26 +172,32 @@ class Session:
             BoxgraspError: no such candidate, or the record cannot be written.
         """
         with self._lock:
-            shown, kept = self._shown, self._is_kept(said)
+            shown, row = self._shown, self._kept(said)
+            if row is not None and (shown is None or said.label_id != shown.label_id):
+                return  # the page never got the answer
             if shown is None or said.scene_key != shown.turn.scene.key:
-                if kept:
-                    return
                 raise StaleError("that scene is not shown any more; valid: the one shown")
-            if kept and said.label_id != shown.label_id:
-                return
-            if not kept:  # else what came after it failed, and is tried again
-                self._desk.record.save(self._label_of(said, shown))
-            if said.label_id not in self._saved:
-                self._saved.append(said.label_id)
+            if row is None:
+                row = self._label_of(said, shown)
+                if shown.standing is not None and _says_the_same(row, shown.standing):
+                    row = shown.standing
+                else:
+                    self._desk.record.save(row)
+                    self._saved.append(row.id)
             if said.scene_key not in self._trail:
                 self._trail.append(said.scene_key)
             self._notice = ""
-            self._go_on()
+            try:
+                self._go_on()
+            except BoxgraspError as error:
+                self._notice = f"Saved. The next scene cannot be shown: {error}. Enter tries again."
+                self._shown = replace(shown, standing=row, label_id=str(uuid.uuid4()))
 
-    def _is_kept(self, said: Said) -> bool:
-        """Whether a label whose answer the page never got is in the record already."""
+    def _kept(self, said: Said) -> OperatorLabel | None:
+        """The label, where it is in the record already."""
         row = self._desk.record.find(said.label_id)
-        return row is not None and (row.scene_key, row.operator) == (said.scene_key, self.operator)
+        own = row is not None and (row.scene_key, row.operator) == (said.scene_key, self.operator)
+        return row if own else None
 
     def _label_of(self, said: Said, shown: Shown) -> OperatorLabel:
         selection, scene = shown.prepared.selection, shown.turn.scene
@@ -393,7 +406,9 @@ class Session:
 
     def _taken_turn(self) -> Turn | None:
         ahead, self._ahead = self._ahead, None
-        turn = None if ahead is None else ahead.result()
+        turn = None
+        with suppress(BoxgraspError):  # what failed then is asked anew
+            turn = None if ahead is None else ahead.result()
         if turn is not None and turn.scene.key not in self._skipped:
             # Who looked for longer than a scene is kept may have lost the next one to others.
             if self._desk.record.renew(turn.scene.key, self.operator, now()):
@@ -574,8 +589,7 @@ class Session:
         height_px, width_px = prepared.capture.shape or (None, None)
         own, ask = None, None
         if standing is not None:
-            names = ("verdict", "label", "note", "pixel")
-            own = {name: getattr(standing, name) for name in names}
+            own = {name: getattr(standing, name) for name in _SAID}
         if shown.ask is not None:
             left_s = (shown.ask.expires_at - now()).total_seconds()
             ask = {"asker": shown.ask.asker, "seconds_left": left_s}
@@ -614,3 +628,8 @@ class Session:
             "warnings": [item.message for item in selection.warnings],
             "ranker": selection.ranker,
         }
+
+
+def _says_the_same(one: OperatorLabel, other: OperatorLabel) -> bool:
+    names = (*_SAID, "gripper", "box_kind", "lines")
+    return all(getattr(one, name) == getattr(other, name) for name in names)
