@@ -8,8 +8,8 @@ STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c "import sys; print('%d.%d' % sy
 ROS_VENV := .venv-ros
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test check lint types types-here types-windows imports unit docs format demo \
-	bench clean setup-ros test-ros
+.PHONY: help setup test check lint types types-here types-windows kernels imports unit docs format \
+	demo bench clean setup-ros test-ros
 
 help:
 	@echo "make test      lint, format, types, imports, tests, docs build"
@@ -42,15 +42,19 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# As this system has it, and as Windows has, whose Python lacks the calls of Unix and of Linux.
+# As this system has it, and as Windows has, whose Python lacks the calls of Unix and of Linux;
+# meanwhile the kernels are compiled, which else every process of the tests would do.
 types: $(STAMP)
-	@$(MAKE) --no-print-directory --jobs 2 types-here types-windows
+	@$(MAKE) --no-print-directory --jobs 3 types-here types-windows kernels
 
 types-here:
 	$(BIN)/mypy
 
 types-windows:
 	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32 src tools
+
+kernels:
+	@$(BIN)/python -m boxgrasp warm-up
 
 imports: $(STAMP)
 	$(BIN)/lint-imports
