@@ -8,8 +8,8 @@ STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c "import sys; print('%d.%d' % sy
 ROS_VENV := .venv-ros
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test check lint types types-here types-windows kernels imports unit docs format \
-	demo bench clean setup-ros test-ros
+.PHONY: help setup test check lint types types-and-kernels types-here types-windows kernels imports \
+	unit docs format demo bench clean setup-ros test-ros
 
 help:
 	@echo "make test      lint, format, types, imports, tests, docs build"
@@ -33,7 +33,7 @@ $(STAMP): pyproject.toml
 
 setup: $(STAMP)
 
-test: lint types imports unit docs
+test: lint types-and-kernels imports unit docs
 	@echo "make test: all passed"
 
 check: test
@@ -42,9 +42,12 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# As this system has it, and as Windows has, whose Python lacks the calls of Unix and of Linux;
-# meanwhile the kernels are compiled, which else every process of the tests would do.
+# As this system has it, and as Windows has, whose Python lacks the calls of Unix and of Linux.
 types: $(STAMP)
+	@$(MAKE) --no-print-directory --jobs 2 types-here types-windows
+
+# Each process of the tests would else compile the kernels, several at once.
+types-and-kernels: $(STAMP)
 	@$(MAKE) --no-print-directory --jobs 3 types-here types-windows kernels
 
 types-here:

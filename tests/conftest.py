@@ -11,6 +11,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _BESIDE = Path(__file__).resolve().parents[2] / "shared"
+_FORKS = "test_concurrency.py"
 
 
 @pytest.fixture(scope="session")
@@ -29,9 +30,6 @@ def labeled_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no labeled captures in {folder} (set BOXGRASP_LABELED)")
     return folder
-
-
-_FORKS = "test_concurrency.py"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

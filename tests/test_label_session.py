@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -76,12 +77,9 @@ def failing(*_: Any) -> None:
     raise StoreError("the disk is full; valid: free space")
 
 
-def test_a_label_is_kept_once_where_what_follows_fails(
-    desk: Desk, ada: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_label_is_kept_once_where_what_follows_fails(desk: Desk, ada: Session) -> None:
     first = said(ada)
-    with monkeypatch.context() as broken:
-        broken.setattr(ada, "_taken_turn", failing)
+    with patch.object(ada, "_taken_turn", failing):
         ada.save(first)
         state = ada.state()
         assert "Saved" in state["notice"] and "the disk is full" in state["notice"]
@@ -97,12 +95,9 @@ def test_a_label_is_kept_once_where_what_follows_fails(
     assert standing(desk) == [] and ada.state()["shown"]["scene_key"] == first.scene_key
 
 
-def test_another_answer_where_what_follows_failed_is_a_correction(
-    desk: Desk, ada: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_answer_where_what_follows_failed_is_a_correction(desk: Desk, ada: Session) -> None:
     first = said(ada)
-    with monkeypatch.context() as broken:
-        broken.setattr(ada, "_taken_turn", failing)
+    with patch.object(ada, "_taken_turn", failing):
         ada.save(first)
     ada.save(said(ada, 8))
     assert standing(desk) == [(first.scene_key, 8)]
@@ -110,13 +105,10 @@ def test_another_answer_where_what_follows_failed_is_a_correction(
     assert ada.state()["shown"]["scene_key"] != first.scene_key
 
 
-def test_a_look_ahead_that_failed_is_asked_anew(
-    desk: Desk, ada: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_look_ahead_that_failed_is_asked_anew(desk: Desk, ada: Session) -> None:
     ahead = ada._ahead
     assert ahead is not None and ahead.result() is not None
-    with monkeypatch.context() as broken:
-        broken.setattr(desk, "next_turn", failing)
+    with patch.object(desk, "next_turn", failing):
         ada._ahead = ada._pool.submit(ada._look_ahead, set())
         assert isinstance(ada._ahead.exception(), StoreError)
         ada.keep()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -141,33 +143,38 @@ def test_base_is_whole(base: Path) -> None:
 
 
 @pytest.mark.slow
-def test_killed_twice_and_resumed_on_a_cluster_that_loses_a_worker(
-    base: Path, tmp_path: Path
-) -> None:
-    pytest.importorskip("distributed", reason="extra cluster")
+def test_killed_twice_and_resumed(base: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     first = start(out, "--processes", "2")
     wait_for(first, out, "sets/labels/part-*", 2)
-    first.kill()  # its workers see it themselves
+    first.kill()
     first.wait()
     finished = {name: path.stat().st_mtime_ns for name, path in files(out).items()}
-    with cluster(workers=2) as running:
-        second = start(out, "--cluster", running.address)
-        wait_for(second, out, "models/training/*-*.json", 2)
-        second.kill()  # the cluster outlives it
-        second.wait()
-        finished |= {name: path.stat().st_mtime_ns for name, path in files(out).items()}
-        assert not (out / "report.json").exists()
-        third = start(out, "--cluster", running.address)
-        try:
-            wait_for(third, out, "models/training/*-*.json", 4)  # the others are handed out
-            running.kill_worker()
-            end(third, out)
-        finally:
-            third.kill()
+    second = start(out, "--processes", "2")
+    wait_for(second, out, "models/training/*-*.json", 2)
+    os.killpg(second.pid, signal.SIGKILL)  # its workers, too
+    second.wait()
+    finished |= {name: path.stat().st_mtime_ns for name, path in files(out).items()}
+    assert not (out / "report.json").exists()
+    end(start(out, "--processes", "2"), out)
     assert_same(out, base)
     for name, written in finished.items():
         assert files(out)[name].stat().st_mtime_ns == written, f"{name} was made again"
+
+
+@pytest.mark.slow
+def test_dask_cluster_that_loses_a_worker(base: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="extra cluster")
+    out = tmp_path / "out"
+    with cluster(workers=2) as running:
+        process = start(out, "--cluster", running.address)
+        try:
+            wait_for(process, out, "sets/labels/part-*", 2)  # all are handed out
+            running.kill_worker()
+            end(process, out)
+        finally:
+            process.kill()
+    assert_same(out, base)
 
 
 # ---- what it made

@@ -23,7 +23,6 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from boxgrasp.errors import ConfigError, StoreError
 from boxgrasp.forks import drop_in_child
 
-PASSWORD_VARIABLE = "PGPASSWORD"  # as PostgreSQL's own programs have it
 VALID = "a path, sqlite:///PATH or postgresql+pg8000://USER@HOST/DATABASE"
 BUSY_S = 20.0  # how long a writer of SQLite waits for another; each holds it for milliseconds
 _VERSION_TABLE = "boxgrasp_labels_version"
@@ -247,8 +246,8 @@ def _parsed(url: str) -> sa.URL:
         if not parsed.database or parsed.database == ":memory:":
             raise ConfigError(f"the sqlite URL names no file; valid: {VALID}")
         return parsed
-    # A password need not stand on a command line, which every user of the machine sees.
-    password = parsed.password or os.environ.get(PASSWORD_VARIABLE)
+    # As PostgreSQL's own programs: every user of the machine sees a command line.
+    password = parsed.password or os.environ.get("PGPASSWORD")
     return parsed.set(drivername="postgresql+pg8000", password=password)
 
 
